@@ -22,9 +22,9 @@ import numpy as np
 
 import flinders
 from benchmarks.adversary import (
-    FINE,
     PATHS,
     RATE_HZ,
+    STEPS_PER_READING,
     Effect,
     Path,
     about,
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
 
-GRAVITY, NOISE, STEP_S = 9.81, 0.05, 1.0 / (FINE * RATE_HZ)
+GRAVITY, NOISE, STEP_S = 9.81, 0.05, 1.0 / (STEPS_PER_READING * RATE_HZ)
 """Gravity and noise of the accelerometer in m/s², and the fine step in s."""
 
 
@@ -75,7 +75,7 @@ ACCELEROMETERS: Final = {
 
 def poses(rng: Generator, count: int) -> Path:
     """Path with still poses of half a second, as in a survey."""
-    attitudes = np.repeat(np.stack([anywhere(rng) for _ in range(count)]), 25 * FINE, axis=0)
+    attitudes = np.repeat(np.stack([anywhere(rng) for _ in range(count)]), 25 * STEPS_PER_READING, axis=0)
     return _path(attitudes, np.zeros((len(attitudes), 3)))
 
 
@@ -115,7 +115,7 @@ MOVED: Final[dict[str, Callable[[Generator], Path]]] = {
 def readings(seed: int, path: Path, accelerometer: Accelerometer) -> Samples:
     """Recording of both sensors."""
     moved = np.gradient(np.gradient(path.places, STEP_S, axis=0), STEP_S, axis=0)
-    force = np.einsum("mji,mj->mi", path.attitudes, moved - [0.0, 0.0, GRAVITY])[::FINE]
+    force = np.einsum("mji,mj->mi", path.attitudes, moved - [0.0, 0.0, GRAVITY])[::STEPS_PER_READING]
     felt = accelerometer.read(stream(seed, "accelerometer"), force)
     return replace(recorded(seed, sensor(stream(seed, "sensor")), Effect(), path), acceleration=felt)
 

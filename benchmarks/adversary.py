@@ -47,7 +47,7 @@ STRENGTH_UT, DIP_DEG, TARGET_DEG = 48.0, 60.0, 1.0
 NOISE_UT: Final = 0.2
 GRAVITY: Final = 9.81
 RATE_HZ: Final = 50.0
-FINE: Final = 4
+STEPS_PER_READING: Final = 4
 """Steps of the path per reading, so that an axis can lag by less than one reading."""
 HEADINGS: Final = np.radians(np.arange(0.0, 360.0, 5.0))
 DRAWS: Final = 200
@@ -188,13 +188,13 @@ def turned(rng: Generator, rates: Floats, step_s: float) -> Path:
 
 def tumble(rng: Generator, seconds: float = 60.0, rate: float = 1.8) -> Path:
     """Path of a hand that turns about all axes at about 100° a second."""
-    step_s = 1.0 / (FINE * RATE_HZ)
+    step_s = 1.0 / (STEPS_PER_READING * RATE_HZ)
     return turned(rng, rate * smooth(rng, round(seconds / step_s), step_s, 0.6), step_s)
 
 
 def eights(rng: Generator, seconds: float = 60.0) -> Path:
     """Figures of eight: the wrist rocks about two axes while the body turns about the vertical."""
-    step_s = 1.0 / (FINE * RATE_HZ)
+    step_s = 1.0 / (STEPS_PER_READING * RATE_HZ)
     time = step_s * np.arange(round(seconds / step_s))
     phase, period = rng.uniform(0.0, 2 * np.pi, 3), rng.uniform(2.5, 3.5)
     turn = 2 * np.pi * time / period
@@ -211,7 +211,7 @@ def eights(rng: Generator, seconds: float = 60.0) -> Path:
 
 def axis_by_axis(rng: Generator) -> Path:
     """Path of three full turns about each axis in turn, while the others drift."""
-    step_s = 1.0 / (FINE * RATE_HZ)
+    step_s = 1.0 / (STEPS_PER_READING * RATE_HZ)
     each = round(20.0 / step_s)
     rates = 0.25 * smooth(rng, 3 * each, step_s, 1.0)
     for axis in range(3):
@@ -372,7 +372,7 @@ def rested(rng: Generator, readings: Floats, *, rests: int) -> Floats:
     for _ in range(rests):
         amid, seconds, off = int(rng.integers(len(readings))), rng.uniform(5.0, 60.0), rng.uniform(-0.2, 0.2)
         at = (0, amid, len(readings) - 1)[rng.integers(3)]
-        still = np.tile((1.0 + off) * readings[at], (round(FINE * RATE_HZ * seconds), 1))
+        still = np.tile((1.0 + off) * readings[at], (round(STEPS_PER_READING * RATE_HZ * seconds), 1))
         readings = np.concatenate([readings[:at], still, readings[at:]])
     return readings
 
@@ -462,7 +462,7 @@ def recorded(seed: int, of: Sensor, effect: Effect, path: Path, *, place: int = 
         readings = np.stack(late, axis=1)
     if effect.rest is not None:
         readings = effect.rest(stream(seed, f"rest {place}"), readings)
-    rows = readings[::FINE] + of.offset
+    rows = readings[::STEPS_PER_READING] + of.offset
     rows = rows + effect.noise * stream(seed, f"noise {place}").standard_normal(rows.shape)
     rows = rows if effect.log is None else effect.log(stream(seed, f"log {place}"), rows)
     return Samples.of(rows, unit="uT", time=np.arange(len(rows)) / RATE_HZ if effect.is_timed else None)
@@ -471,7 +471,7 @@ def recorded(seed: int, of: Sensor, effect: Effect, path: Path, *, place: int = 
 def felt(samples: Samples, seed: int, path: Path) -> Samples:
     """Recording with an accelerometer, which measures the motion of the hand, too, with noise of 0.05 m/s²."""
     moved = np.gradient(np.gradient(path.places, path.time, axis=0), path.time, axis=0) - [0.0, 0.0, GRAVITY]
-    force = np.einsum("mji,mj->mi", path.attitudes, moved)[::FINE]
+    force = np.einsum("mji,mj->mi", path.attitudes, moved)[::STEPS_PER_READING]
     return replace(samples, acceleration=force + 0.05 * stream(seed, "felt").standard_normal(force.shape))
 
 

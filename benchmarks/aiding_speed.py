@@ -24,7 +24,7 @@ import numpy as np
 import flinders
 from flinders import simulate
 from flinders.errors import FitError
-from flinders.geometry.quaternions import of_matrix
+from flinders.geometry.quaternions import from_matrix
 from flinders.simulate import turns
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def recording(motion: str, disturbances: Sequence[Perturbation], readings: int) 
     if true.attitudes is None:
         raise ValueError(f"motion {motion!r} has no attitudes")
     errors = np.random.default_rng(1).normal(0.0, np.radians(ATTITUDE_DEG), (readings, 3))
-    return replace(true.samples, attitude=of_matrix(true.attitudes @ turns(errors)))
+    return replace(true.samples, attitude=from_matrix(true.attitudes @ turns(errors)))
 
 
 def fit_seconds(samples: Samples, aiding: str, repeats: int) -> float:

@@ -28,7 +28,7 @@ from flinders import simulate
 from flinders.comparison.comparison import compare
 from flinders.errors import FlindersError
 from flinders.fitting.result import Fit, bare_fit, with_calibration
-from flinders.geometry.ellipsoid import symmetric
+from flinders.geometry.ellipsoid import symmetric_matrix
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -111,7 +111,7 @@ def checked(seed: int, off_deg: float) -> Trial:
         return Trial(row, off_deg, "cannot-tell")
     if found.comparison is None:
         return Trial(row, off_deg, found.answer)
-    bound, telling = found.comparison.claimed_bound_deg, found.comparison.telling_bound_deg
+    bound, telling = found.comparison.claimed_bound_deg, found.comparison.required_bound_deg
     return Trial(row, off_deg, found.answer, bound or 0.0, math.nan if telling is None else telling)
 
 
@@ -133,7 +133,7 @@ def moved(fit: Fit, sensor: Sensor, off_deg: float, rng: np.random.Generator) ->
     def by(size: float) -> Calibration:
         ellipsoid = truth.ellipsoid
         return truth.from_ellipsoid(
-            ellipsoid.centre + size * way[:3], ellipsoid.shape + size * symmetric(way[3:]), raw=true.raw
+            ellipsoid.centre + size * way[:3], ellipsoid.shape + size * symmetric_matrix(way[3:]), raw=true.raw
         )
 
     low, high = 0.0, 0.05

@@ -160,7 +160,7 @@ def by_hand(
     of_sensor, of_motion, of_noise, of_field = np.random.default_rng([SEED, 100, seed]).spawn(4)
     sensor = Sensor.random(of_sensor, noise=sigma)
     turning = simulate.hand_tumble(of_motion, seconds=seconds)
-    directions = simulate.seen_from(turning.attitudes, FIELD)
+    directions = simulate.in_body_axes(turning.attitudes, FIELD)
     strength = np.ones(len(directions))
     if distorted:
         strength += distorted * harmonics(directions, of_field)
@@ -170,7 +170,9 @@ def by_hand(
     outliers = np.zeros(len(directions), dtype=np.bool_)
     if magnet:
         pulse, outliers = passing(turning.time, of_field, cut=magnet == "cut")
-        true += simulate.seen_from(turning.attitudes, simulate.uniform(of_field, 1)[0]) * pulse[:, np.newaxis]
+        true += (
+            simulate.in_body_axes(turning.attitudes, simulate.uniform_directions(of_field, 1)[0]) * pulse[:, np.newaxis]
+        )
     raw = replace(sensor, noise=beside).read(true, of_noise) + sigma * remembering(of_noise, true.shape, memory)
     return Simulated(Samples.of(raw, unit="uT", time=turning.time), sensor, directions, FIELD_STRENGTH, outliers)
 
@@ -236,16 +238,16 @@ def clustered(seed: int, *, share: float, kind: str) -> Simulated:
     """Recording of 500 readings in all directions, some of them shifted alike or set to one value (literature §13)."""
     rng, of_cluster = np.random.default_rng([SEED, 101, seed]).spawn(2)
     sensor = Sensor.random(rng)
-    directions = simulate.uniform(rng, 500)
+    directions = simulate.uniform_directions(rng, 500)
     raw = sensor.read(FIELD_STRENGTH * directions, rng)
     outliers = np.zeros(500, dtype=np.bool_)
     outliers[: round(500 * share)] = True
-    moved = simulate.uniform(of_cluster, 1)[0] * of_cluster.uniform(0.5, 1.5) * FIELD_STRENGTH
+    moved = simulate.uniform_directions(of_cluster, 1)[0] * of_cluster.uniform(0.5, 1.5) * FIELD_STRENGTH
     if kind == "moved alike":
         raw[outliers] += moved
     elif kind == "one place":
         out = np.array([0.3, 0.5, 1.6, 2.5])[seed % 4]
-        place = FIELD_STRENGTH * out * simulate.uniform(of_cluster, 1) @ sensor.matrix + sensor.offset
+        place = FIELD_STRENGTH * out * simulate.uniform_directions(of_cluster, 1) @ sensor.matrix + sensor.offset
         raw[outliers] = place + 0.5 * of_cluster.standard_normal((int(outliers.sum()), 3))
     return Simulated(Samples.of(raw, unit="uT"), sensor, directions, FIELD_STRENGTH, outliers)
 
@@ -257,8 +259,8 @@ def _ring(rng: Generator, count: int, height: float) -> Floats:
 
 
 MOTIONS: Final[Mapping[str, Callable[[Generator], Floats]]] = {
-    "one level turn": lambda rng: simulate.seen_from(simulate.level_turn(rng, 1000), FIELD),
-    "turns tilted by up to 5°": lambda rng: simulate.seen_from(simulate.tilted(rng, 2000, tilt_deg=5.0), FIELD),
+    "one level turn": lambda rng: simulate.in_body_axes(simulate.level_turn(rng, 1000), FIELD),
+    "turns tilted by up to 5°": lambda rng: simulate.in_body_axes(simulate.tilted(rng, 2000, tilt_deg=5.0), FIELD),
     "two rings, one upside down": lambda rng: np.concatenate([_ring(rng, 500, FIELD[2]), _ring(rng, 500, -FIELD[2])]),
     "two rings, one on its side": lambda rng: np.concatenate(
         [_ring(rng, 500, FIELD[2]), np.roll(_ring(rng, 500, FIELD[2]), 1, axis=1)]
@@ -406,7 +408,7 @@ def few(pool: Executor, trials: int) -> Iterator[str]:
 def _one_an_attitude(count: int, seed: int) -> adversary.Trial | None:
     """Trial with readings in random directions; None if more than their number limits the fit."""
     rng, of = adversary.stream(seed, f"rest {count}"), adversary.sensor(adversary.stream(seed, "sensor"))
-    read = adversary.STRENGTH_UT * simulate.uniform(rng, count) @ of.iron + of.offset
+    read = adversary.STRENGTH_UT * simulate.uniform_directions(rng, count) @ of.iron + of.offset
     fit = adversary.fitted(Samples.of(read + (0.05, 0.1, 0.2)[seed % 3] * rng.standard_normal((count, 3)), unit="uT"))
     if fit is None or any(one.code != "few-samples" for one in fit.findings if one.severity != "note"):
         return None
@@ -429,7 +431,7 @@ def _tumbled(rng: Generator) -> adversary.Path:
 
 
 def _rolled(rng: Generator) -> adversary.Path:
-    step_s = 1.0 / (adversary.FINE * adversary.RATE_HZ)
+    step_s = 1.0 / (adversary.STEPS_PER_READING * adversary.RATE_HZ)
     rates = 0.08 * adversary.smooth(rng, round(12.0 / step_s), step_s, 1.0)
     rates[:, rng.integers(3)] += 2.0
     return adversary.turned(rng, rates, step_s)

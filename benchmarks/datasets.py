@@ -139,7 +139,7 @@ def heading_error_deg(matrix: Floats, offset: Floats, recording: Simulated) -> f
     """Root mean square heading error of a level turn, degrees, less its mean, which a level turn cannot determine."""
     headings = np.arange(360) * (2 * np.pi / 360)
     turn = simulate.turns(np.outer(headings, [0.0, 0.0, 1.0]))
-    field = FIELD_STRENGTH * simulate.seen_from(turn, FIELD)
+    field = FIELD_STRENGTH * simulate.in_body_axes(turn, FIELD)
     corrected = (field @ recording.sensor.matrix.T + recording.sensor.offset - offset) @ matrix.T
     phasors = np.exp(1j * (np.arctan2(-corrected[:, 1], corrected[:, 0]) - headings))
     errors = np.angle(phasors / np.mean(phasors))
@@ -174,13 +174,13 @@ def _by_hand(rng: Generator) -> Path:
     bias = rng.normal(0, 0.01, 3)
     rate = turning.rate + bias + rng.normal(0, simulate.RATE_NOISE, turning.rate.shape)
     acceleration = simulate.specific_force(turning.attitudes, rng)
-    return Path(simulate.seen_from(turning.attitudes, FIELD), turning.time, acceleration, rate)
+    return Path(simulate.in_body_axes(turning.attitudes, FIELD), turning.time, acceleration, rate)
 
 
 def _strong_iron(rng: Generator, sigma: float) -> Sensor:
     """Sensor with strong iron: an offset in any direction of up to ten field strengths."""
     matrix = simulate.soft_iron(rng, scale=0.4, across=0.25)
-    offset = simulate.uniform(rng, 1)[0] * rng.uniform(0, 10 * FIELD_STRENGTH)
+    offset = simulate.uniform_directions(rng, 1)[0] * rng.uniform(0, 10 * FIELD_STRENGTH)
     return Sensor(matrix, offset, noise=sigma)
 
 
@@ -191,17 +191,17 @@ def _stepped(resolution: float) -> Callable[[Generator, float], Sensor]:
 
 def _uniform(n: int) -> Callable[[Generator], Path]:
     """Return a path of n uniform directions."""
-    return lambda rng: Path(simulate.uniform(rng, n))
+    return lambda rng: Path(simulate.uniform_directions(rng, n))
 
 
 SETS: Final[Mapping[str, Recipe]] = {
     "S1": Recipe(0, _uniform(500)),
     "S2": Recipe(1, _uniform(5000)),
     "S3": Recipe(2, _by_hand),
-    "S4": Recipe(3, lambda rng: Path(simulate.seen_from(simulate.tilted(rng, 2000), FIELD))),
+    "S4": Recipe(3, lambda rng: Path(simulate.in_body_axes(simulate.tilted(rng, 2000), FIELD))),
     "S5": Recipe(0, _uniform(500), outliers=0.03),
-    "S6": Recipe(5, lambda rng: Path(simulate.clumped(rng, 1250))),
-    "S7": Recipe(6, lambda rng: Path(simulate.seen_from(simulate.level_turn(rng, 1000), FIELD))),
+    "S6": Recipe(5, lambda rng: Path(simulate.clumped_directions(rng, 1250))),
+    "S7": Recipe(6, lambda rng: Path(simulate.in_body_axes(simulate.level_turn(rng, 1000), FIELD))),
     "S8": Recipe(1, _uniform(5000), sensor=_stepped(0.3)),
     "strong iron": Recipe(8, _uniform(500), sensor=_strong_iron),
     "60 coarse samples": Recipe(9, _uniform(60), sensor=_stepped(1.5), sigmas=(0.5,)),

@@ -30,12 +30,12 @@ from benchmarks.recordings import FOLDER
 from flinders import simulate
 from flinders.core.calibration import Calibration
 from flinders.core.compensation import Compensator
-from flinders.core.disturbance import lagged, motors
+from flinders.core.disturbance import lagged_values, motor_names
 from flinders.core.samples import Samples
 from flinders.estimators import Readings
 from flinders.estimators.disturbance import fit_disturbances
 from flinders.estimators.likelihood import Likelihood
-from flinders.estimators.static_bench import still
+from flinders.estimators.static_bench import fit_still
 from flinders.fitting.result import Refused
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import magnitude
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from flinders.arrays import Floats
-    from flinders.estimators.static_bench import Still
+    from flinders.estimators.static_bench import StillSensor
     from flinders.fitting.result import Fit
     from flinders.simulate import Simulated
 
@@ -54,7 +54,7 @@ FIRST, SECOND = np.array([0.5, 0.0, -0.3]), np.array([-0.2, 0.4, 0.1])
 ARMS: Final = np.array([[0.5, 0.1, -0.3], [-0.4, 0.2, 0.3], [0.1, -0.5, 0.2], [0.2, 0.4, -0.4]])
 """µT/A of four motors of one vehicle."""
 
-HELD: Final = 25
+HOLD_READINGS: Final = 25
 """Readings during which a meter repeats its value."""
 
 FULL_THROTTLE_A: Final = 20.0
@@ -121,7 +121,7 @@ def flown(
         effect = simulate.MotorCurrent(vector, amperes=FULL_THROTTLE_A).on(time, rng)
         assert effect.current is not None
         columns[name], per_unit[name] = effect.current / size, vector * size
-        field = field + np.stack([lagged(axis, time, lag_s) for axis in effect.shift.T], axis=1)
+        field = field + np.stack([lagged_values(axis, time, lag_s) for axis in effect.shift.T], axis=1)
     current, throttle, temperature = (columns.get(name) for name in ("current", "throttle", "temperature"))
     samples = replace(recording.samples, field=field, current=current, throttle=throttle, temperature=temperature)
     return Flown(recording, samples, per_unit, GROWTH if warm else 0.0, lag_s)
@@ -130,7 +130,7 @@ def flown(
 def parted(seed: int, apart: float) -> Flown:
     """Simulate a minute of flight with four motors whose throttles differ by up to `apart`."""
     recording = simulate.tumble(seed=seed, disturbances=[simulate.Motors(ARMS, apart=apart)])
-    per_unit = dict(zip(motors("current", len(ARMS)), ARMS, strict=True))
+    per_unit = dict(zip(motor_names("current", len(ARMS)), ARMS, strict=True))
     return Flown(recording, recording.samples, per_unit)
 
 
@@ -148,7 +148,7 @@ def metered_motors(seed: int, lag_s: float = 0.0) -> Flown:
     time, currents = one.samples.time, one.samples.currents
     assert time is not None
     assert currents is not None
-    early = np.stack([lagged(column, time, -lag_s) for column in currents.T], axis=1)
+    early = np.stack([lagged_values(column, time, -lag_s) for column in currents.T], axis=1)
     return replace(
         one, samples=replace(one.samples, currents=noisy(early, np.random.default_rng([2029, seed]))), lag_s=lag_s
     )
@@ -161,7 +161,7 @@ def noisy(current: Floats, rng: np.random.Generator) -> Floats:
 
 def holding(current: Floats, _rng: np.random.Generator) -> Floats:
     """Current of a meter that updates twice a second."""
-    return np.repeat(current[::HELD], HELD)[: len(current)]
+    return np.repeat(current[::HOLD_READINGS], HOLD_READINGS)[: len(current)]
 
 
 def rounded(current: Floats, _rng: np.random.Generator) -> Floats:
@@ -262,12 +262,12 @@ def bench_table(trials: int) -> Iterator[str]:
         yield f"| {title} | {', '.join(f'{ratio:.2f}' for ratio in ratios)} | {len(found) - len(kept)} |"
 
 
-def lain(drawn: Floats, seed: int) -> Still | None:
+def lain(drawn: Floats, seed: int) -> StillSensor | None:
     """Result of a test at rest, with noise of 0.3 µT and 0.05 A at 50 Hz."""
     rng = np.random.default_rng([2027, seed])
     field = np.array([20.0, -5.0, 43.0]) + np.outer(drawn, FIRST) + rng.normal(scale=0.3, size=(len(drawn), 3))
     current = drawn + rng.normal(scale=0.05, size=len(drawn))
-    return still([Samples.of(field, unit="uT", time=np.arange(len(drawn)) / 50.0, current=current)], ["current"])
+    return fit_still([Samples.of(field, unit="uT", time=np.arange(len(drawn)) / 50.0, current=current)], ["current"])
 
 
 # a real flight

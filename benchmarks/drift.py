@@ -31,7 +31,7 @@ import numpy as np
 
 import flinders
 from flinders import simulate
-from flinders.apps.fleet.change_points import YEAR
+from flinders.apps.fleet.change_points import YEAR_S
 from flinders.apps.fleet.drift import drift_of
 from flinders.apps.fleet.results import UnitResult, UnitResults, objects
 
@@ -89,7 +89,7 @@ class Truth:
 def simulated(fleet: Fleet, rng: np.random.Generator) -> tuple[UnitResults, Truth]:
     """Simulate the table of a fleet, and return it with the truth."""
     U, n = fleet.units, fleet.recordings
-    seconds = np.sort(rng.uniform(0.0, 2.0 * YEAR, (U, n)), axis=1)
+    seconds = np.sort(rng.uniform(0.0, 2.0 * YEAR_S, (U, n)), axis=1)
     gaps = np.diff(seconds, axis=1, prepend=seconds[:, :1])
     offset = rng.normal(size=(U, 1, 3)) * 20.0
     walk = np.cumsum(rng.normal(size=(U, n, 3)) * fleet.walk * np.sqrt(gaps)[:, :, np.newaxis], axis=1)
@@ -99,7 +99,7 @@ def simulated(fleet: Fleet, rng: np.random.Generator) -> tuple[UnitResults, Trut
     horizontal = FIELD * np.cos(np.deg2rad(60.0)) * np.pi / 180.0  # µT across the field in a degree of heading
     offset = offset + FIELD * walk
     offset = offset + fleet.step_deg * horizontal * behind[:, :, np.newaxis] * _level(U, rng)
-    slope = fleet.trend_deg * horizontal * has_trend[:, np.newaxis] * seconds / (2.0 * YEAR)
+    slope = fleet.trend_deg * horizontal * has_trend[:, np.newaxis] * seconds / (2.0 * YEAR_S)
     offset = offset + slope[:, :, np.newaxis] * _level(U, rng)
     soft = rng.normal(size=(U, 3, 3)) * 0.03
     shape = FIELD * (np.eye(3) + (soft + np.swapaxes(soft, 1, 2)) / 2.0)

@@ -5,7 +5,7 @@
 
 Units are those of `flinders.apps.fleet.simulate`, judged by ``flinders.fit_many``, whose verdicts equal those of
 ``flinders.fit``. A unit is **found** if it is limited, refused or without a fit, or if a note names the fault
-(`TELLING`); a good unit that is found is a false alarm. The table names its most severe finding, and such notes. A
+(`FAULT_NOTES`); a good unit that is found is a false alarm. The table names its most severe finding, and such notes. A
 missed unit is **off** if the true worst level heading error is above `MIN_HARM_DEG`: a fault without an effect on the
 calibration does no harm.
 
@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Final, TypeAlias
 import numpy as np
 
 from flinders import fit_many, simulate
-from flinders.apps.fleet.simulate import BAD, DIP_DEG, FAULTS, Specimen, unit
+from flinders.apps.fleet.simulate import BAD_SHARE, DIP_DEG, FAULTS, Specimen, unit
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -42,7 +42,7 @@ PIECE: Final = 500
 MIN_HARM_DEG: Final = 2.0
 """Twice the target; an error that one unit in twenty has at a claim of the target (1 σ)."""
 
-TELLING: Final = frozenset({"stale-repeats", "outliers", "field-changed"})
+FAULT_NOTES: Final = frozenset({"stale-repeats", "outliers", "field-changed"})
 """Notes on a fault that the calibration allows for."""
 
 Key: TypeAlias = tuple[str, int]
@@ -70,7 +70,7 @@ class Piece:
     count: int
     fault: str | None = None
     severity: int = 2
-    bad: float = BAD
+    bad: float = BAD_SHARE
 
     @property
     def name(self) -> str:
@@ -94,7 +94,7 @@ def judged(made: Sequence[Specimen]) -> Iterator[Counter[str]]:
         if verdict != "good":
             codes[0] += "!"
         told = [verdict, *codes]
-        if verdict != "good" or not TELLING.isdisjoint(codes):
+        if verdict != "good" or not FAULT_NOTES.isdisjoint(codes):
             told.append("found")
         elif off_deg(one, rows.offset[place], rows.matrix[place].reshape(3, 3)) > MIN_HARM_DEG:
             told.append("off")
@@ -104,9 +104,9 @@ def judged(made: Sequence[Specimen]) -> Iterator[Counter[str]]:
 def off_deg(made: Specimen, offset: Floats, matrix: Floats) -> float:
     """Worst error of a level heading, in degrees, by the truth; the mean over all headings removed."""
     headings = np.radians(np.arange(0.0, 360.0, 3.0))
-    attitudes = simulate.posed(headings, 0.0, 0.0)
+    attitudes = simulate.attitudes_of(headings, 0.0, 0.0)
     world = made.field_strength * simulate.north_and_down(DIP_DEG)
-    raw = simulate.seen_from(attitudes, world) @ made.sensor.matrix.T + made.sensor.offset
+    raw = simulate.in_body_axes(attitudes, world) @ made.sensor.matrix.T + made.sensor.offset
     x, y, _ = matrix @ (raw @ made.lasting.T - offset).T
     error = np.exp(1j * (np.arctan2(-y, x) - headings))
     return float(np.degrees(np.abs(np.angle(error * np.conj(error.mean())))).max())
@@ -130,7 +130,7 @@ def tallied(piece: Piece, folder: Path | None = None) -> Tally:
     return tally
 
 
-def pieces_of(total: int, *, fault: str | None, severity: int = 2, bad: float = BAD) -> Iterator[Piece]:
+def pieces_of(total: int, *, fault: str | None, severity: int = 2, bad: float = BAD_SHARE) -> Iterator[Piece]:
     """Yield pieces with a total number of units."""
     for first in range(0, total, PIECE):
         yield Piece(first, min(PIECE, total - first), fault, severity, bad)
@@ -140,7 +140,7 @@ def by_class(each: int, good: int, faults: Sequence[str]) -> Iterator[Piece]:
     """Yield pieces with units of each fault and severity, and good ones; undetectable faults have one severity."""
     yield from pieces_of(good, fault="")
     for fault in faults:
-        for severity in (1, 2) if FAULTS[fault].can_be_told else (2,):
+        for severity in (1, 2) if FAULTS[fault].is_detectable else (2,):
             yield from pieces_of(each, fault=fault, severity=severity)
 
 
@@ -176,7 +176,7 @@ def told_by(counts: Counter[str]) -> str:
     codes = [
         (code.rstrip("!"), number)
         for code, number in counts.most_common()
-        if code.endswith("!") or code in TELLING or code == "field-strength"
+        if code.endswith("!") or code in FAULT_NOTES or code == "field-strength"
     ]
     summed: Counter[str] = Counter()
     for code, number in codes:
@@ -188,7 +188,7 @@ def summary(total: Tally) -> list[str]:
     """Three lines on detected faults and false alarms."""
     lines = []
     for severity, words in ((2, "larger"), (1, "smaller")):
-        told = [c for (fault, how), c in total.items() if how == severity and FAULTS[fault].can_be_told]
+        told = [c for (fault, how), c in total.items() if how == severity and FAULTS[fault].is_detectable]
         if told:
             found, of = sum(c["found"] for c in told), sum(c["units"] for c in told)
             least = min(c["found"] / c["units"] for c in told)
@@ -210,7 +210,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--good", type=int, default=5000, help="good units")
     parser.add_argument("--faults", default=",".join(FAULTS), help="only these")
     parser.add_argument("--fleet", type=int, help="units of a fleet as it is drawn, instead")
-    parser.add_argument("--bad", type=float, default=BAD, help="share of bad units in it")
+    parser.add_argument("--bad", type=float, default=BAD_SHARE, help="share of bad units in it")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path, help="folder for what is done, to go on from after a stop")
     options = parser.parse_args(arguments)

@@ -31,10 +31,10 @@ from flinders import simulate
 from flinders.apps.board import package
 from flinders.core.units import MICROTESLA
 from flinders.errors import FitError
-from flinders.findings.catalogue import OF_A_FIT
+from flinders.findings.catalogue import ENGINE_FINDINGS
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.heading.error_propagation import level_gradients
-from flinders.native.build import EXACT, STRICT, system_compiler
+from flinders.native.build import EXACT_OPTIONS, STRICT_OPTIONS, system_compiler
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -98,7 +98,7 @@ def compiled(target: Target, folder: Path, *, optimise: str = "-Os") -> list[Pat
     if objects.exists():
         return made
     objects.mkdir()
-    flags = [*STRICT, "-Werror", "-Wdouble-promotion", optimise, *EXACT, *target.options, *SECTIONS]
+    flags = [*STRICT_OPTIONS, "-Werror", "-Wdouble-promotion", optimise, *EXACT_OPTIONS, *target.options, *SECTIONS]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         commands = [
             [*_compiler(target), *flags, "-c", str(source), "-o", str(object_)]
@@ -115,7 +115,16 @@ def build(
     objects = compiled(target, folder, optimise=optimise)
     program = folder / f"{harness}-{_named(target, optimise)}{''.join(options)}"
     linker = ("-nostartfiles", "--specs=nosys.specs", "-T", str(HARNESS / "mps2.ld")) if target.machine else ()
-    wanted = (*STRICT, "-Werror", "-Wdouble-promotion", optimise, *EXACT, *target.options, *SECTIONS, *linker)
+    wanted = (
+        *STRICT_OPTIONS,
+        "-Werror",
+        "-Wdouble-promotion",
+        optimise,
+        *EXACT_OPTIONS,
+        *target.options,
+        *SECTIONS,
+        *linker,
+    )
     sources = [str(HARNESS / f"{harness}.c"), *map(str, objects)]
     include = ["-I", str(folder / "package" / "src")]
     command = [*_compiler(target), *wanted, *options, *sources, *include, *LINKED, "-o", str(program)]
@@ -181,8 +190,8 @@ def answer_layout(real: str) -> np.dtype[np.void]:
     """Layout of a board's answer."""
     return np.dtype(
         [
-            ("status", "<i4"), ("verdict", "<i4"), ("findings", "u1", (len(OF_A_FIT),)),
-            ("is_checked", "u1", (len(OF_A_FIT),)), ("offset", real, (3,)), ("matrix", real, (3, 3)), ("field", real),
+            ("status", "<i4"), ("verdict", "<i4"), ("findings", "u1", (len(ENGINE_FINDINGS),)),
+            ("is_checked", "u1", (len(ENGINE_FINDINGS),)), ("offset", real, (3,)), ("matrix", real, (3, 3)), ("field", real),
             ("noise", real), ("heading_rms_deg", real), ("heading_worst_deg", real), ("turn", real, (3,)),
             ("after_deg", real),
         ],
@@ -226,7 +235,7 @@ def _command(target: Target, program: Path) -> list[str]:
 
 def verdict_of(fit: Fit, answer: Any) -> int:  # noqa: ANN401 - a row of `layout`
     """Worst severity of those findings of the library that a board also checks."""
-    codes = {code for code, is_checked in zip(OF_A_FIT, answer["is_checked"], strict=True) if is_checked}
+    codes = {code for code, is_checked in zip(ENGINE_FINDINGS, answer["is_checked"], strict=True) if is_checked}
     return max([1, *(SEVERITIES.index(finding.severity) for finding in fit.findings if finding.code in codes)])
 
 

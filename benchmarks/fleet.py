@@ -32,10 +32,10 @@ from flinders.apps.fleet.job import run
 from flinders.apps.fleet.options import Options
 from flinders.apps.fleet.results import UnitResults
 from flinders.apps.fleet.scheduler import cores
-from flinders.apps.fleet.simulate import BAD, FIELD_UT, Specimen, fleet
+from flinders.apps.fleet.simulate import BAD_SHARE, FIELD_UT, Specimen, fleet
 from flinders.errors import FlindersError
 from flinders.estimators import METHODS, Readings
-from flinders.geometry.ellipsoid import Ellipsoid, symmetric
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric_matrix
 from flinders.native.engine import engine
 from flinders.simulate import GaussMarkov, ThermalDrift, angle_error_deg, tumble
 
@@ -122,7 +122,7 @@ def main() -> None:
     if given.job:
         print(json.dumps(_job(given.job, given.folder, given.workers)))
         return
-    share = BAD if given.faulty else 0.0
+    share = BAD_SHARE if given.faulty else 0.0
     pool = list(fleet(min(POOL, given.units), seed=1, bad=share, readings=given.each))
     if given.field:
         pool = [field_unit(number, seed=1) for number in range(min(FIELD_POOL, given.units))]
@@ -267,11 +267,11 @@ def by_magnitude(field: Floats) -> Ellipsoid:
 
     def residuals(unknown: Floats) -> Floats:
         local = (field - origin) / scale - unknown[:3]
-        lengths: Floats = np.linalg.norm(local @ symmetric(unknown[3:]), axis=1) - 1.0
+        lengths: Floats = np.linalg.norm(local @ symmetric_matrix(unknown[3:]), axis=1) - 1.0
         return lengths
 
     unknown = least_squares(residuals, [0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0], method="lm").x
-    return Ellipsoid(origin + scale * unknown[:3], scale * np.linalg.inv(symmetric(unknown[3:])))
+    return Ellipsoid(origin + scale * unknown[:3], scale * np.linalg.inv(symmetric_matrix(unknown[3:])))
 
 
 def by_distance(field: Floats) -> Ellipsoid:
@@ -282,14 +282,14 @@ def by_distance(field: Floats) -> Ellipsoid:
     entries = start.shape.ravel()[[0, 4, 8, 1, 2, 5]]
 
     def residuals(unknown: Floats) -> Floats:
-        inverse = np.linalg.inv(symmetric(unknown[3:]))
+        inverse = np.linalg.inv(symmetric_matrix(unknown[3:]))
         y = (field - unknown[:3]) @ inverse
         lengths = np.linalg.norm(y, axis=1)
         distances: Floats = (lengths - 1.0) * lengths / np.linalg.norm(y @ inverse, axis=1)
         return distances
 
     unknown = least_squares(residuals, np.concatenate([start.centre, entries]), method="lm").x
-    return Ellipsoid(unknown[:3], symmetric(unknown[3:]))
+    return Ellipsoid(unknown[:3], symmetric_matrix(unknown[3:]))
 
 
 def li(field: Floats) -> Ellipsoid:

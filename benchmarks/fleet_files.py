@@ -40,12 +40,12 @@ def write(folder: Path, files: int) -> None:
 
 def looked(where: str, at_once: int) -> tuple[float, str]:
     """Seconds for the plan, and the plan's fingerprint, which must not depend on the method."""
-    plan.LOOKS, usual = at_once, plan.LOOKS  # type: ignore[misc]
+    plan.MAX_OPEN_FILES, usual = at_once, plan.MAX_OPEN_FILES  # type: ignore[misc]
     begun = perf_counter()
     try:
         found = plan.plan_of(where, Options())
     finally:
-        plan.LOOKS = usual  # type: ignore[misc]
+        plan.MAX_OPEN_FILES = usual  # type: ignore[misc]
     return perf_counter() - begun, f"{found.fingerprint[:8]}, {len(found.partitions)} partitions"
 
 
@@ -86,7 +86,7 @@ def main() -> None:
         with Bucket(held, latency_s=given.latency) as bucket:
             os.environ.update(bucket.environment)
             for name, where in (("disk", made), (f"store, {given.latency:g} s away", "s3://fleet/")):
-                for at_once in (1, plan.LOOKS):
+                for at_once in (1, plan.MAX_OPEN_FILES):
                     before = bucket.asked
                     seconds, told = looked(where, at_once)
                     each = 1e3 * seconds / given.files

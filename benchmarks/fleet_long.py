@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 READINGS: Final = (1_000_000, 10_000_000, 100_000_000)
 SMALL_UNITS: Final = 100
 """Units of ten readings before and after the long one."""
-GROUP: Final = 1_000_000
+GROUP_ROWS: Final = 1_000_000
 """Rows of a row group."""
 MATRIX: Final = np.array([[46.0, 2.0, 0.0], [2.0, 50.0, -1.0], [0.0, -1.0, 55.0]])
 OFFSET: Final = np.array([20.0, -120.0, 90.0])
@@ -66,8 +66,8 @@ def write(path: Path, readings: int, outliers: float) -> int:
     before, long, after = ([f"{letter}{number:03}" for number in range(SMALL_UNITS)] for letter in "ABC")
     with parquet.ParquetWriter(path, _small(before, rng).schema) as writer:
         writer.write_table(_small(before, rng))
-        for first in range(0, readings, GROUP):
-            field = turned(first, min(GROUP, readings - first), rng, outliers)
+        for first in range(0, readings, GROUP_ROWS):
+            field = turned(first, min(GROUP_ROWS, readings - first), rng, outliers)
             writer.write_table(_table(long[:1], np.zeros(len(field), dtype=np.int32), field, first))
         writer.write_table(_small(after, rng))
     return path.stat().st_size

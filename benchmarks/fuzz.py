@@ -45,7 +45,7 @@ BATCH: Final = 100
 """Inputs per child, unless it ends before."""
 MAX_MESSAGE_LENGTH: Final = 600
 """Most characters of a message."""
-LARGEST: Final = 300_000
+MAX_FILE_BYTES: Final = 300_000
 """Bytes of a file to use, as hundreds of copies have to be read in seconds."""
 FLEET_PREFIX: Final = "fleet-"
 """Prefix of the kinds of tables of many units."""
@@ -251,9 +251,9 @@ def read_live(content: bytes, _: Path, kind: str) -> None:
 def _read_mavlink(content: bytes) -> None:
     from flinders.apps.vehicles.mavlink import PX4, Vehicle
     from flinders.apps.vehicles.telemetry import Telemetry
-    from flinders.links.transports import Scripted
+    from flinders.links.transports import ScriptedSource
 
-    vehicle = Vehicle(Scripted([content[start : start + 512] for start in range(0, len(content), 512)]))
+    vehicle = Vehicle(ScriptedSource([content[start : start + 512] for start in range(0, len(content), 512)]))
     vehicle.autopilot, vehicle.system = PX4, 1
     telemetry = Telemetry(vehicle)
     while not vehicle.source.is_done:  # type: ignore[attr-defined]
@@ -289,10 +289,10 @@ def _client(folder: str) -> TestClient:
     from flinders.apps.live.session_file import Supply
     from flinders.core.axes import Axes
     from flinders.links.feeds import Replay
-    from flinders.links.recorder import RecordedFeed, ToFile
+    from flinders.links.recorder import FileSink, RecordedFeed
 
     path = Path(folder) / "session.csv"
-    sink = ToFile(path, force=True)
+    sink = FileSink(path, force=True)
     feed = RecordedFeed(Replay(simulate.tumble(seed=1).samples, speed=None), sink)
     hub = Hub(Supply(feed, "replay", sink, path, Axes()))
     with warnings.catch_warnings():
@@ -450,7 +450,7 @@ def run(inputs: int, seed: int, target: str, into: Path | None = None, of: Seque
     """
     preload()
     with tempfile.TemporaryDirectory() as folder:
-        kinds = {path.name: path.read_bytes()[:LARGEST] for path in of} or samples(Path(folder))
+        kinds = {path.name: path.read_bytes()[:MAX_FILE_BYTES] for path in of} or samples(Path(folder))
     kinds = {name: content for name, content in kinds.items() if is_for(name, target)}
     counts: Counter[str] = Counter()
     for finding in findings(kinds, target, seed, range(inputs)):

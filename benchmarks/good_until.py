@@ -69,7 +69,7 @@ def simulated(units: int) -> dict[tuple[str, int], float]:
     for _ in range(units):
         rate = FIELD_UT * float(rng.choice(RATES[0], p=RATES[1]))
         claim_deg = float(np.exp(rng.uniform(np.log(0.05), np.log(1.0))))
-        usual = until_of(claim_deg, PRIOR_WALK.scaled(FIELD_UT))
+        usual = until_of(claim_deg, PRIOR_WALK.scale_rate(FIELD_UT))
         times = {"by what is usual": usual.seconds, "its early end": usual.earliest_s}
         if (known := history(rng, rate)) is not None:
             times["by its history"] = until_of(claim_deg, known).seconds

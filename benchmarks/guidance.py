@@ -34,7 +34,7 @@ from flinders.heading import path_planning
 from flinders.heading.error_propagation import direction_errors_deg
 from flinders.heading.guidance import guide
 from flinders.simulate import Sensor
-from flinders.simulate.attitudes import north_and_down, seen_from
+from flinders.simulate.attitudes import in_body_axes, north_and_down
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -86,7 +86,7 @@ class Chance:
         for index, step in enumerate(steps):
             attitudes[index] = attitude
             attitude = attitude @ step
-        self._directions = seen_from(attitudes, north_and_down(60.0))
+        self._directions = in_body_axes(attitudes, north_and_down(60.0))
         self._angles_deg = np.degrees(rates * (speed / rates.mean() / RATE_HZ))
 
     def turn(self, field: Floats, _fit: Fit | None, /) -> tuple[Floats, float]:
@@ -100,7 +100,7 @@ class Follower:
 
     def __init__(self, seed: int, rng: Generator, *, ahead: bool, stray_deg: float) -> None:
         start = np.random.default_rng([seed, 6])
-        self._at, aside = simulate.uniform(start, 2)
+        self._at, aside = simulate.uniform_directions(start, 2)
         self._axis = np.cross(self._at, aside)
         self._ahead, self._stray_deg, self._stray, self._rng = ahead, stray_deg, 0.0, rng
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 RATE_HZ: Final = 50.0
 TURNED_S, RESTED_S, STEP_S = 25.0, 15.0, 0.5
 REST_POSITIONS: Final = ("before", "between", "after")
-OFF: Final = (0.0, 0.01, 0.02, 0.03, 0.05, 0.2)
+FIELD_CHANGES: Final = (0.0, 0.01, 0.02, 0.03, 0.05, 0.2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +97,7 @@ def table(sensors: int, processes: int) -> Iterator[str]:
     yield "|---|---:|---:|---:|---:|---:|---|"
     with ProcessPoolExecutor(processes) as pool:
         for when in REST_POSITIONS:
-            for off in OFF:
+            for off in FIELD_CHANGES:
                 done = list(pool.map(partial(played, when=when, off=off), range(sensors)))
                 ratios = [one.ratio for one in done if np.isfinite(one.ratio)]
                 quantiles = " / ".join(f"{ratio:.1f}" for ratio in np.quantile(ratios, [0.5, 0.9]))

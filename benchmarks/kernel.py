@@ -161,7 +161,7 @@ def _stages_of(count: int) -> Mapping[str, float]:
         "summary, the three together": partial(Summary.of, samples),
         "consistent start": partial(Consistent().estimate, held),
         "likelihood with its start and correlation": partial(Likelihood().estimate, held),
-        "coverage": partial(Coverage.through, held.summary.cloud, ellipsoid),
+        "coverage": partial(Coverage.of_cloud, held.summary.cloud, ellipsoid),
         "heading error": partial(level_error, ellipsoid, found.covariance),
     }
     return dict(zip(calls, medians(list(calls.values())), strict=True))

@@ -34,8 +34,8 @@ def docstrings(path: Path, tree: ast.Module) -> Iterator[str]:
     for node in ast.walk(tree):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
             name = path.stem if isinstance(node, ast.Module) else node.name
-            if text := ast.get_docstring(node):
-                yield f"{path.relative_to(ROOT)} {name}\n{text.split(chr(10) + '>>>')[0]}"
+            if written := ast.get_docstring(node):
+                yield f"{path.relative_to(ROOT)} {name}\n{written.split(chr(10) + '>>>')[0]}"
     for before, after in zip(tree.body, tree.body[1:], strict=False):
         names = ast.unparse(before.target) if isinstance(before, ast.AnnAssign) else ""
         text = after.value.value if isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant) else None

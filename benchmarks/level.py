@@ -76,7 +76,7 @@ class Turned:
         sensor = replace(sensor, matrix=matrix @ askew)
         time = np.arange(n) / RATE_HZ
         attitudes = self._attitudes(rng, time)
-        directions = simulate.seen_from(attitudes, simulate.north_and_down(60.0))
+        directions = simulate.in_body_axes(attitudes, simulate.north_and_down(60.0))
         rate = rates(attitudes, RATE_HZ) + rng.normal(0.0, 0.005, (n, 3)) + rng.normal(0.0, 0.01, 3)
         felt = simulate.specific_force(attitudes, rng)
         samples = Samples.of(

@@ -22,8 +22,8 @@ import numpy as np
 
 from benchmarks.adversary import (
     EFFECTS,
-    FINE,
     RATE_HZ,
+    STEPS_PER_READING,
     Effect,
     Path,
     about,
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 
 MINUTES: Final = 600.0
 HOUR: Final = 3600.0
-STEP_S: Final = 1.0 / (FINE * RATE_HZ)
+STEP_S: Final = 1.0 / (STEPS_PER_READING * RATE_HZ)
 
 
 def aerobatics(rng: Generator) -> Path:

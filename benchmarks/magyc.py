@@ -46,7 +46,7 @@ from benchmarks.emulations.sar_ls import sar_ls
 from flinders import simulate
 from flinders.core.samples import Samples
 from flinders.errors import FlindersError
-from flinders.estimators.aiding import solve
+from flinders.estimators.aiding import fit_aided
 from flinders.estimators.data import Readings
 from flinders.estimators.likelihood import Likelihood
 
@@ -76,7 +76,7 @@ LEVELS: Final = {"WAM": "high", "MAM": "mid", "LAM": "low", "5/5/90": "tiny"}
 
 PACKAGE: Final = "magyc==1.0.0"
 PROGRAM: Final = Path(__file__).with_name("magyc_package.py")
-PATIENCE_S: Final = 900.0
+TIMEOUT_S: Final = 900.0
 """Longest wait for another program, with its download."""
 
 
@@ -126,7 +126,7 @@ def rocked(motion: str, seed: int) -> Rocked:
     """Recording of 6,000 readings at 10 Hz, with 10 mG and 10 mrad/s of noise and a gyro bias."""
     rng = np.random.default_rng([SEED, seed])
     turning = simulate.rocked(rng, seconds=600.0, rate_hz=10.0, amplitudes_deg=MOTIONS[motion])
-    true = simulate.seen_from(turning.attitudes, FIELD_MG)
+    true = simulate.in_body_axes(turning.attitudes, FIELD_MG)
     raw = true @ IRON + OFFSET_MG + rng.normal(0.0, 10.0, true.shape)
     rate = turning.rate + GYRO_BIAS + rng.normal(0.0, 0.01, true.shape)
     return Rocked(Samples(raw, time=turning.time, rate=rate), turning.attitudes, true)
@@ -140,7 +140,7 @@ def of_the_package(data: Mapping[str, Floats], motion: str, seed: int) -> Rocked
     )
     roll, pitch, heading = angles.T
     samples = Samples(1e3 * field, time=clock.ravel(), rate=np.roll(rate, -1, axis=0))
-    return Rocked(samples[:-1], simulate.posed(heading, pitch, roll)[:-1], 1e3 * true[:-1])
+    return Rocked(samples[:-1], simulate.attitudes_of(heading, pitch, roll)[:-1], 1e3 * true[:-1])
 
 
 # the contestants
@@ -149,7 +149,7 @@ def of_the_package(data: Mapping[str, Floats], motion: str, seed: int) -> Rocked
 def by_rate(samples: Samples, *, window_s: float) -> Answer:
     """Answer of the fit with the angular rate."""
     begun = time.process_time()
-    found = solve(samples, ("rate",), window_s=window_s)
+    found = fit_aided(samples, ("rate",), window_s=window_s)
     seconds = time.process_time() - begun
     return Answer(found.parameters.offset, found.matrix, found.parameters.gyro_bias, seconds)
 
@@ -215,7 +215,7 @@ def run_there(where: str, *words: str) -> None:
     try:
         done = subprocess.run(
             [*interpreter(where), "-I", str(PROGRAM), *words],  # isolated: this folder has a magyc.py, too
-            capture_output=True, text=True, timeout=PATIENCE_S, check=False,
+            capture_output=True, text=True, timeout=TIMEOUT_S, check=False,
         )  # fmt: skip
     except (OSError, subprocess.TimeoutExpired) as error:
         raise NoPackage(str(error)) from None

@@ -30,7 +30,7 @@ from flinders.apps.live.buffer import Timeline
 from flinders.apps.live.standalone.engine import data
 from flinders.core.calibration_file import VERSION, dumps
 from flinders.core.samples import Samples
-from flinders.core.units import label
+from flinders.core.units import unit_label
 from flinders.errors import FitError
 from flinders.fitting.refreshing import refresh
 from flinders.fitting.request import judged_dip
@@ -93,7 +93,7 @@ class Case:
             "field": _packed(self.samples.field),
             "time": None if self.samples.time is None else _packed(self.samples.time),
             "acceleration": None if self.samples.acceleration is None else _packed(self.samples.acceleration),
-            "unit": label(self.samples.unit.inside),
+            "unit": unit_label(self.samples.unit.inside),
             "targetDeg": self.target_deg,
             "dipDeg": dip_deg,
             "dipAssumed": is_assumed,
@@ -180,7 +180,7 @@ def page_answers(cases: Sequence[Case], turns: int = 0) -> dict[str, Any]:
     """Answers of the page's modules under Node.js for each case, and the names of values in their sentences."""
     given = {
         "modules": str(files("flinders.apps.live").joinpath("static", "standalone")),
-        "wasm": str(build.library(target=build.WEB)),
+        "wasm": str(build.library(target=build.WEB_PLATFORM)),
         "data": data(),
         "schema": VERSION,
         "recordings": [case.asked for case in cases],
@@ -295,7 +295,7 @@ def report(title: str, rows: Sequence[Compared]) -> None:
 def main() -> int:
     """Compare, and print the report."""
     try:
-        build.library(target=build.WEB)
+        build.library(target=build.WEB_PLATFORM)
     except build.NoCompiler as error:
         print(error, file=sys.stderr)
         return 1

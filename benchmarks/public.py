@@ -33,8 +33,8 @@ import flinders
 from flinders.core.samples import Samples
 from flinders.errors import FitError
 from flinders.fitting.result import Refused
-from flinders.geometry.plane import down_of, heading_errors
-from flinders.geometry.quaternions import known, rotated
+from flinders.geometry.plane import down_direction, heading_errors
+from flinders.geometry.quaternions import rotate_vectors, valid_attitudes
 from flinders.heading.error_propagation import level_turn, upright
 
 if TYPE_CHECKING:
@@ -127,7 +127,7 @@ def compared(fit: Fit, trial: Trial) -> Truth:
     steepness_deg = math.degrees(math.asin(min(abs(float(up @ field)) / size, 1.0)))
     dip_deg = math.copysign(steepness_deg, fit.claim.known_dip_deg)
     return Truth(
-        _level_deg(shape, offset / size, dip_deg, down_of(fit.claim.plane)),
+        _level_deg(shape, offset / size, dip_deg, down_direction(fit.claim.plane)),
         _about_deg(_turned(turns, corrected @ mounting.T), field, up),
         _about_deg(_turned(turns, unbent @ mounting.T), field, up),
         dip_deg,
@@ -137,7 +137,7 @@ def compared(fit: Fit, trial: Trial) -> Truth:
 
 def _thinned(trial: Trial) -> tuple[Samples, Floats]:
     """Readings with a truth, at most `MAX_READINGS`."""
-    rows = np.flatnonzero(np.isfinite(known(trial.attitude)).all(axis=1))
+    rows = np.flatnonzero(np.isfinite(valid_attitudes(trial.attitude)).all(axis=1))
     rows = rows[:: 1 + len(rows) // MAX_READINGS]
     if len(rows) < len(START_ROTATIONS):
         raise Unread(f"a truth at {len(rows)} readings, need {len(START_ROTATIONS)}")
@@ -149,7 +149,7 @@ def _mounting(corrected: Floats, attitude: Floats) -> tuple[Floats, Floats]:
 
     Some sets do not state the direction of their quaternions, sensor to room or back: both are tried.
     """
-    turns = rotated(attitude[:, np.newaxis], np.eye(3)).transpose(0, 2, 1)
+    turns = rotate_vectors(attitude[:, np.newaxis], np.eye(3)).transpose(0, 2, 1)
     starts = [*_starts(corrected, turns), *_starts(corrected, turns.transpose(0, 2, 1))]
     _, turns, mounting = max(starts, key=lambda start: start[0])
     return turns, mounting
@@ -317,7 +317,7 @@ def _trial(
     samples = Samples.of(
         field[rows], unit=unit, time=time[rows], acceleration=acceleration[rows], rate=rate[rows], source=name
     )
-    return Trial(name, samples, known(np.asarray(attitude, float)[rows]))
+    return Trial(name, samples, valid_attitudes(np.asarray(attitude, float)[rows]))
 
 
 def _matlab(path: Path, what: str) -> dict[str, Any]:

@@ -120,7 +120,7 @@ def by_rosbags(path: Path) -> object:
 
 def without_pyarrow(path: Path) -> object:
     """Read text as without pyarrow."""
-    with patch.object(text, "LEAST_FOR_ARROW", sys.maxsize):
+    with patch.object(text, "MIN_BYTES_FOR_ARROW", sys.maxsize):
         return read(path)
 
 

@@ -31,11 +31,11 @@ from flinders.errors import FitError
 from flinders.fitting.known_heading import PoseSigmas, refresh_at_headings
 from flinders.fitting.refreshing import known_shape
 from flinders.fitting.result import Refused, with_name
-from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric_matrix, upper_entries
 from flinders.heading.error_propagation import level_error
 from flinders.likelihood.magnitude import information
 from flinders.simulate import Sensor, tumble
-from flinders.simulate.attitudes import north_and_down, posed, seen_from
+from flinders.simulate.attitudes import attitudes_of, in_body_axes, north_and_down
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -128,7 +128,7 @@ def stood(seed: int, headings: int, crab_deg: float = 0.0) -> Trial | None:
     magnetic = rng.uniform(0.0, 360.0) + np.arange(headings) * 360.0 / headings
     world = FIELD_UT * rng.normal(1.0, 0.01) * north_and_down(DIP_DEG + rng.normal())
     angles = np.radians(np.stack([magnetic + rng.normal(size=headings), *rng.normal(size=(2, headings))]))
-    fields = seen_from(posed(*angles), world)
+    fields = in_body_axes(attitudes_of(*angles), world)
     wind = crab_deg * np.random.default_rng([seed, 27]).standard_normal(2)
     courses = magnetic + wind @ [np.sin(np.radians(magnetic)), np.cos(np.radians(magnetic))]
     poses = [sensor.read(np.tile(field, (POSE_READINGS, 1)), rng) for field in fields]
@@ -182,14 +182,14 @@ def tried(seed: int, motion: str, aiding: Sequence[str], change: float) -> Trial
 def soft_iron(rng: np.random.Generator, change: float) -> Floats:
     """(3, 3) factor of a change of the soft iron: symmetric, without a change of the mean strength."""
     entries = rng.standard_normal(6)
-    deviator = symmetric(entries) - np.eye(3) * entries[:3].mean()
-    added: Floats = change * deviator / np.sqrt(np.mean(upper(deviator) ** 2))
+    deviator = symmetric_matrix(entries) - np.eye(3) * entries[:3].mean()
+    added: Floats = change * deviator / np.sqrt(np.mean(upper_entries(deviator) ** 2))
     return np.eye(3) + added
 
 
 def parameters(ellipsoid: Ellipsoid) -> Floats:
     """(9,) offset and shape."""
-    return np.concatenate([ellipsoid.centre, upper(ellipsoid.shape)])
+    return np.concatenate([ellipsoid.centre, upper_entries(ellipsoid.shape)])
 
 
 def heading_deg(truth: Ellipsoid, error: Floats) -> float:

@@ -20,7 +20,7 @@ import numpy as np
 from benchmarks import firmware, service
 from benchmarks.service_peers import DIP_DEG, ESTIMATORS, TARGET_DEG, Correction, Report
 from flinders.apps.board import package
-from flinders.native.build import EXACT, system_compiler
+from flinders.native.build import EXACT_OPTIONS, system_compiler
 from flinders.workflows.online_events import CODES
 
 if TYPE_CHECKING:
@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 ANSWER: Final = firmware.answer_layout(firmware.HOST.real)
 BEFORE_ANSWER: Final = 12
 """Bytes of `flinders_board` before its answer: dip, target and unit."""
-LARGEST: Final = 16384
+BUFFER_BYTES: Final = 16384
 """Size of a buffer for a board, or its answer."""
-GOOD: Final = 1
+GOOD_VERDICT: Final = 1
 BODIES: Final = ("drone", "wrist", "phone")
 
 
@@ -42,7 +42,7 @@ def library() -> ctypes.CDLL:
     with tempfile.TemporaryDirectory() as folder:
         package.write(folder)
         made, sources = Path(folder, "firmware.so"), map(str, Path(folder, "src").glob("*.c"))
-        flags = ["-std=c99", "-O2", "-shared", "-fPIC", *EXACT]
+        flags = ["-std=c99", "-O2", "-shared", "-fPIC", *EXACT_OPTIONS]
         subprocess.run([*(system_compiler() or ["cc"]), *flags, *sources, "-lm", "-o", str(made)], check=True)
         return ctypes.CDLL(str(made))
 
@@ -51,7 +51,10 @@ class Board:
     """A board that calibrates itself, then continues online."""
 
     def __init__(self) -> None:
-        self._board, self._service = ctypes.create_string_buffer(LARGEST), ctypes.create_string_buffer(LARGEST)
+        self._board, self._service = (
+            ctypes.create_string_buffer(BUFFER_BYTES),
+            ctypes.create_string_buffer(BUFFER_BYTES),
+        )
         self._is_on, self._solved = False, -np.inf
         library().flinders_board_begin(self._board)
         np.frombuffer(memoryview(self._board), "<f4", 2)[:] = DIP_DEG, TARGET_DEG
@@ -74,14 +77,14 @@ class Board:
             return
         self._solved = time
         library().flinders_board_solve(self._board)
-        if np.frombuffer(memoryview(self._board), ANSWER, 1, BEFORE_ANSWER)[0]["verdict"] == GOOD:
+        if np.frombuffer(memoryview(self._board), ANSWER, 1, BEFORE_ANSWER)[0]["verdict"] == GOOD_VERDICT:
             self._is_on = library().flinders_service_begin(self._service, self._board, _ms(time)) == 0
 
     def correction(self, time: float) -> Correction | None:
         """Return the correction in force, with its claim."""
         if not self._is_on:
             return None
-        answer = ctypes.create_string_buffer(LARGEST)
+        answer = ctypes.create_string_buffer(BUFFER_BYTES)
         library().flinders_service_answer_at(self._service, _ms(time), answer)
         known = np.frombuffer(memoryview(answer), ANSWER, 1)[0]
         claim = float(known["heading_worst_deg"])

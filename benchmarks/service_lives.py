@@ -53,7 +53,7 @@ GRID_S: Final = 10.0
 """Time between two nodes of the walk and the temperature."""
 FADE_S: Final = 3.0 * HOUR
 """Time constant of a fading magnetisation."""
-CHUNK: Final = 200
+MAX_CHUNK: Final = 200
 """Most readings per chunk."""
 GYRO_NOISE, GYRO_BIAS = 0.005, 0.002
 """rad/s: white noise of an angular rate, and one σ of its bias."""
@@ -138,8 +138,8 @@ class Life:
         cuts = np.searchsorted(self.seconds, stops, side="right").tolist()
         begin = 0
         for number, cut in enumerate([*cuts, len(self.seconds)]):
-            for first in range(begin, cut, CHUNK):
-                rows = slice(first, min(first + CHUNK, cut))
+            for first in range(begin, cut, MAX_CHUNK):
+                rows = slice(first, min(first + MAX_CHUNK, cut))
                 yield number, Chunk(self.time[rows], self.field[rows], self.rate[rows], self.down[rows])
             begin = cut
             if number < len(cuts):

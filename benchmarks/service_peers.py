@@ -16,10 +16,10 @@ import numpy as np
 import flinders
 from benchmarks.service_bodies import FIRST_S, HOUR
 from flinders.errors import FlindersError
-from flinders.estimators.consistent import adjusted
+from flinders.estimators.consistent import fit_adjusted
 from flinders.estimators.data import Readings
 from flinders.fitting.result import Refused
-from flinders.geometry.ellipsoid import Ellipsoid, symmetric
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric_matrix
 from flinders.summary.moments import Moments
 from flinders.summary.summary import Summary
 
@@ -374,7 +374,7 @@ class Forgetting:
         if abs(chunk.time[-1] - self._tried) > 30.0:
             self._tried = float(chunk.time[-1])
             try:
-                found = adjusted(Readings(replace(Summary.empty(), moments=self._sums)))[0]
+                found = fit_adjusted(Readings(replace(Summary.empty(), moments=self._sums)))[0]
             except (FlindersError, np.linalg.LinAlgError):
                 return ()
             if 22.0 < found.radius < 67.0:
@@ -434,7 +434,7 @@ class Kalman:
         self._spread, self._time = self._walked(time), time
 
     def _update(self, field: Floats) -> None:
-        matrix = EYE + symmetric(self._state[3:])
+        matrix = EYE + symmetric_matrix(self._state[3:])
         corrected = field @ matrix - self._state[:3]
         x, y, z = field.T
         u, v, w = corrected.T
@@ -460,7 +460,7 @@ class Kalman:
         if fit is None:
             return None
         scale = STRENGTH_UT / fit.calibration.field_strength
-        matrix, base = EYE + symmetric(self._state[3:]), scale * fit.calibration.matrix
+        matrix, base = EYE + symmetric_matrix(self._state[3:]), scale * fit.calibration.matrix
         offset = fit.calibration.offset + np.linalg.solve(matrix @ base, self._state[:3])
         return Correction(matrix @ base, offset, worst_deg(self._walked(time)))
 

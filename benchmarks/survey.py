@@ -30,15 +30,15 @@ from flinders.apps.survey.pointing_error import (
     AZIMUTHS_DEG,
     INCLINATIONS_DEG,
     angle_gradients,
-    curved,
+    attitudes_of,
+    invert_quadratic,
     pointing_errors,
-    posed,
 )
 from flinders.apps.survey.shots import read_shots
 from flinders.apps.survey.simulate_shots import survey_shots, true_angles
-from flinders.geometry.angles import folded
+from flinders.geometry.angles import wrap_180
 from flinders.likelihood.parameters import Parameters
-from flinders.likelihood.pointing import FINEST_AIM, SurveyParameters, SurveyProblem
+from flinders.likelihood.pointing import MIN_AIM_SIGMA_RAD, SurveyParameters, SurveyProblem
 from flinders.likelihood.solver import Equations, Iterate
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ def tried(seed: int, shots: int, aim_deg: float, curve: float, non_linear: bool)
     """Simulate an instrument, fit it, and compare with the truth."""
     simulated = survey_shots(seed, shots=shots, noise=NOISE, aim_deg=aim_deg)
     quadratic = np.random.default_rng([seed, 9]).uniform(-curve, curve, 3)
-    bent = replace(simulated.shots, gravity=curved(simulated.shots.gravity, quadratic))
+    bent = replace(simulated.shots, gravity=invert_quadratic(simulated.shots.gravity, quadratic))
     fit = fit_survey(bent, non_linear=non_linear)
     claim = np.array([fit.azimuth_error_deg.rms, fit.inclination_error_deg.rms])
     bound = bound_deg(simulated, aim_deg, quadratic)
@@ -100,10 +100,10 @@ def tried(seed: int, shots: int, aim_deg: float, curve: float, non_linear: bool)
 
 def errors_deg(fit: SurveyFit, simulated: SimulatedSurvey, quadratic: Floats) -> Floats:
     """(2,) errors of azimuth and inclination, rms over poses."""
-    attitudes = posed(*POSES)
+    attitudes = attitudes_of(*POSES)
     magnetic, gravity = simulated.read(attitudes)
-    truth, seen = true_angles(attitudes), fit.calibration.angles(magnetic, curved(gravity, quadratic))
-    off = folded(np.stack([seen.azimuth_deg - truth.azimuth_deg, seen.inclination_deg - truth.inclination_deg]))
+    truth, seen = true_angles(attitudes), fit.calibration.angles(magnetic, invert_quadratic(gravity, quadratic))
+    off = wrap_180(np.stack([seen.azimuth_deg - truth.azimuth_deg, seen.inclination_deg - truth.inclination_deg]))
     rms: Floats = np.sqrt(np.mean(off**2, axis=1))
     return rms
 
@@ -112,12 +112,12 @@ def bound_deg(simulated: SimulatedSurvey, aim_deg: float, quadratic: Floats) -> 
     """(2,) bounds of these errors, with quadratic terms if fitted."""
     shots = simulated.shots
     assert shots.groups is not None
-    gravity = curved(shots.gravity, quadratic)
+    gravity = invert_quadratic(shots.gravity, quadratic)
     problem = SurveyProblem.of(shots.magnetic, gravity, shots.groups, is_quadratic=bool(quadratic.any()))
     at = replace(true_parameters(simulated), quadratic=quadratic)
-    weights = np.array([NOISE, NOISE, max(np.radians(aim_deg), FINEST_AIM)])
+    weights = np.array([NOISE, NOISE, max(np.radians(aim_deg), MIN_AIM_SIGMA_RAD)])
     iterate = Iterate(at, (problem.group,), (problem.group.guess(at),), weights)
-    covariance = np.linalg.inv(Equations.of(problem, iterate).whole.matrix)
+    covariance = np.linalg.inv(Equations.of(problem, iterate).with_prior.matrix)
     own = problem.layout.instrument
     gradients = angle_gradients(at, problem.layout.gravity)
     return np.array([error.rms for error in pointing_errors(gradients, covariance[own, own])])
@@ -128,7 +128,7 @@ def true_parameters(simulated: SimulatedSurvey) -> SurveyParameters:
     (gravity, turned), (field, own) = _polar(simulated.accelerometer), _polar(simulated.magnetometer)
     magnetometer = replace(Parameters.at(simulated.magnetometer.offset, field), rotation=turned @ own.T)
     angles = simulated.angles
-    attitudes = posed(angles.azimuth_deg, angles.inclination_deg, angles.roll_deg) @ turned.T
+    attitudes = attitudes_of(angles.azimuth_deg, angles.inclination_deg, angles.roll_deg) @ turned.T
     return SurveyParameters(
         magnetometer,
         Parameters.at(simulated.accelerometer.offset, gravity),

@@ -46,17 +46,17 @@ from benchmarks.magyc import OFFSET_MG, SEED, likelihood, wrapped_rms
 from flinders import simulate
 from flinders.core.samples import Samples
 from flinders.errors import FlindersError
-from flinders.estimators.aiding import solve
+from flinders.estimators.aiding import fit_aided
 from flinders.estimators.data import Readings
 from flinders.estimators.level import Level
 from flinders.fitting.result import Refused
-from flinders.geometry.ellipsoid import symmetric, upper
-from flinders.geometry.quaternions import of_matrix
-from flinders.geometry.rotation import across, rotation_vectors
+from flinders.geometry.ellipsoid import symmetric_matrix, upper_entries
+from flinders.geometry.quaternions import from_matrix
+from flinders.geometry.rotation import perpendicular_vectors, rotation_vectors
 from flinders.heading.attitude import magnetic_heading_deg
 from flinders.heading.error_propagation import level_error, level_turn
 from flinders.likelihood.dip import ACCELERATION_SIGMA, GAIN_SIGMA, GRAVITY
-from flinders.likelihood.gyro import SCALE_SIGMA, grown
+from flinders.likelihood.gyro import SCALE_SIGMA, scale_matrix
 from flinders.likelihood.parameters import Parameters
 from flinders.likelihood.site_field import Site
 from flinders.simulate.sensor import symmetric_power
@@ -66,7 +66,7 @@ if TYPE_CHECKING:
 
     from flinders import Fit
     from flinders.arrays import Floats
-    from flinders.estimators.aiding import Aided
+    from flinders.estimators.aiding import AidedFit
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.likelihood.parameters import ParameterLayout
     from flinders.simulate import Simulated, Trajectory
@@ -93,7 +93,7 @@ def sim(name: str, seed: int) -> Samples:
         turning = simulate.rocked(rng, seconds=60.0, rate_hz=100.0, amplitudes_deg=MOTIONS_DEG["5/5/90"])
     else:
         turning = simulate.hand_tumble(rng, seconds=60.0, rate_hz=100.0, speed=0.5, smoothness=1.5)
-    raw = simulate.seen_from(turning.attitudes, np.array([200.0, -40.0, 480.0])) + OFFSET_MG
+    raw = simulate.in_body_axes(turning.attitudes, np.array([200.0, -40.0, 480.0])) + OFFSET_MG
     noisy = raw + rng.normal(0.0, 1.0, raw.shape)
     return Samples(noisy, time=turning.time, rate=turning.rate + rng.normal(0.0, 0.005, raw.shape))
 
@@ -111,7 +111,7 @@ def level_turn_alone(samples: Samples, *, dip_deg: float) -> Ellipsoid:
 
 def by_aids(samples: Samples, *, terms: Sequence[str], site: Site | None = None, window_s: float = 5.0) -> Answer:
     """Offset and matrix of the joint fit, with its rotation."""
-    found = solve(samples, terms, site=site, window_s=window_s)
+    found = fit_aided(samples, terms, site=site, window_s=window_s)
     return found.parameters.offset, found.matrix
 
 
@@ -158,27 +158,27 @@ def swayed(trial: int) -> tuple[Simulated, Samples, Site]:
     recording = simulate.tumble(rng, motion="swayed", sensor=sensor, imu=imu)
     assert recording.attitudes is not None
     shaken = simulate.turns(rng.normal(0.0, math.radians(ATTITUDE_NOISE_DEG), (len(recording.attitudes), 3)))
-    attitude = of_matrix(recording.attitudes @ shaken)
+    attitude = from_matrix(recording.attitudes @ shaken)
     logged = replace(recording.samples, attitude=attitude)
     strength, dip = FIELD_STRENGTH * (1.0 + rng.normal(0.0, 0.01)), 60.0 + rng.normal(0.0, 1.0)
     site = Site(strength=strength, inclination_deg=dip, gain_sigma=0.01, inclination_sigma_deg=1.0)
     return recording, logged, site
 
 
-CALIBRATED: Final[dict[str, Any]] = {"gyro_scale": 0.0, "acceleration_bias": 0.0}
+CALIBRATED_SIGMAS: Final[dict[str, Any]] = {"gyro_scale": 0.0, "acceleration_bias": 0.0}
 """Uncertainties of calibrated instruments as in S4t, which have only noise and a gyro bias."""
 
-AIDED: Final[Mapping[str, tuple[tuple[str, ...], str, dict[str, Any]]]] = {
+AIDED_FITS: Final[Mapping[str, tuple[tuple[str, ...], str, dict[str, Any]]]] = {
     "none: magnitude alone": ((), "", {}),
     "strength of the site ± 1 %": ((), "strength", {}),
     "dip": (("dip",), "", {}),
-    "dip, calibrated": (("dip",), "", CALIBRATED),
-    "dip and the site's field, calibrated": (("dip",), "both", CALIBRATED),
+    "dip, calibrated": (("dip",), "", CALIBRATED_SIGMAS),
+    "dip and the site's field, calibrated": (("dip",), "both", CALIBRATED_SIGMAS),
     "rate": (("rate",), "", {}),
-    "rate, calibrated": (("rate",), "", CALIBRATED),
+    "rate, calibrated": (("rate",), "", CALIBRATED_SIGMAS),
     "rate, dip": (("rate", "dip"), "", {}),
-    "rate, dip, calibrated": (("rate", "dip"), "", CALIBRATED),
-    "rate, dip, the site's field, calibrated": (("rate", "dip"), "both", CALIBRATED),
+    "rate, dip, calibrated": (("rate", "dip"), "", CALIBRATED_SIGMAS),
+    "rate, dip, the site's field, calibrated": (("rate", "dip"), "both", CALIBRATED_SIGMAS),
     "attitude without yaw": (("tilt",), "", {}),
     "attitude": (("attitude",), "", {}),
     "rate, attitude, the site's field": (("rate", "attitude"), "both", {}),
@@ -192,11 +192,11 @@ def trial(title: str, number: int) -> tuple[float, float] | None:
     None if refused.
     """
     recording, samples, site = swayed(number)
-    terms, known, instruments = AIDED[title]
+    terms, known, instruments = AIDED_FITS[title]
     if known == "strength":
         site = replace(site, inclination_deg=None)
     try:
-        found = solve(samples, terms, site=site if known else None, **instruments)
+        found = fit_aided(samples, terms, site=site if known else None, **instruments)
     except FlindersError:
         return None
     at = found.parameters
@@ -215,7 +215,7 @@ def aids_table(pool: ProcessPoolExecutor, trials: int) -> Iterator[str]:
     yield "| aiding | heading error level, rms ° | of magnitude alone | in own axes ° | of magnitude alone | refused |"
     yield "|---|---:|---:|---:|---:|---:|"
     alone = math.nan
-    for title in AIDED:
+    for title in AIDED_FITS:
         found = trials_of(pool, title, trials)
         told = [one for one in found if one is not None]
         of_body, own = (_rms([one[axes] for one in told]) for axes in (0, 1))
@@ -272,12 +272,12 @@ def known(motion: str, attitude_deg: float, number: int) -> Known:
         direction=simulate.north_and_down(60.0),
     )
     turning, noise, gyro_noise = _motion(motion, rng)
-    field = simulate.seen_from(turning.attitudes, true.direction) @ true.ellipsoid_like.T + true.offset
-    felt = turning.rate @ np.linalg.inv(grown(true.gyro)).T + true.gyro_bias
+    field = simulate.in_body_axes(turning.attitudes, true.direction) @ true.rotated_shape.T + true.offset
+    felt = turning.rate @ np.linalg.inv(scale_matrix(true.gyro)).T + true.gyro_bias
     attitude = None
     if attitude_deg:
         shaken = simulate.turns(rng.normal(0.0, math.radians(attitude_deg), field.shape))
-        attitude = of_matrix(turning.attitudes @ shaken)
+        attitude = from_matrix(turning.attitudes @ shaken)
     acceleration = felt_by(simulate.specific_force(turning.attitudes, rng), true.accelerometer)
     samples = Samples(
         field + noise * rng.standard_normal(field.shape),
@@ -293,12 +293,14 @@ def known(motion: str, attitude_deg: float, number: int) -> Known:
 def in_own_unit(errors: Floats, acceleration: Floats) -> Floats:
     """(9,) errors of an accelerometer in the unit of a fit, the median length of its readings."""
     unit = float(np.median(np.linalg.norm(acceleration, axis=1))) / GRAVITY
-    return np.concatenate([errors[:3] / unit, upper(unit * (np.eye(3) + symmetric(errors[3:])) - np.eye(3))])
+    return np.concatenate(
+        [errors[:3] / unit, upper_entries(unit * (np.eye(3) + symmetric_matrix(errors[3:])) - np.eye(3))]
+    )
 
 
 def felt_by(force: Floats, errors: Floats) -> Floats:
     """(N, 3) readings of an accelerometer with errors for a force."""
-    read: Floats = force @ np.linalg.inv(np.eye(3) + symmetric(errors[3:])) + GRAVITY * errors[:3]
+    read: Floats = force @ np.linalg.inv(np.eye(3) + symmetric_matrix(errors[3:])) + GRAVITY * errors[:3]
     return read
 
 
@@ -327,7 +329,7 @@ def scored_trial(motion: str, title: str, number: int) -> Scored | None:
     terms, is_known, attitude_deg = CASES[title]
     drawn = known(motion, attitude_deg, number)
     try:
-        found = solve(drawn.samples, terms, site=drawn.site if is_known else None)
+        found = fit_aided(drawn.samples, terms, site=drawn.site if is_known else None)
     except FlindersError:
         return None
     errors = errors_of(found, drawn.true)
@@ -342,23 +344,25 @@ def scored_trial(motion: str, title: str, number: int) -> Scored | None:
 
 def in_axes_of_gyro(true: Parameters) -> Parameters:
     """Truth in the axes of the gyro, if the gyro alone defines the axes of the body."""
-    left, scales, right = np.linalg.svd(grown(true.gyro))
+    left, scales, right = np.linalg.svd(scale_matrix(true.gyro))
     turn, growth = left @ right, (right.T * scales) @ right
-    return replace(true, rotation=turn.T @ true.rotation, gyro_scale=upper(growth - np.eye(3)), gyro_turn=np.zeros(3))
+    return replace(
+        true, rotation=turn.T @ true.rotation, gyro_scale=upper_entries(growth - np.eye(3)), gyro_turn=np.zeros(3)
+    )
 
 
-def errors_of(found: Aided, true: Parameters) -> Floats:
+def errors_of(found: AidedFit, true: Parameters) -> Floats:
     """(P,) errors of the parameters; a rotation as the remaining turn, a direction along its own steps."""
     if "gyro_bias" in found.layout.columns and "gyro_turn" not in found.layout.columns:
         true = in_axes_of_gyro(true)
     at, errors = found.parameters, np.zeros(found.layout.size)
     for name, columns in found.layout.columns.items():
         if name == "shape":
-            errors[columns] = upper(at.shape - true.shape)
+            errors[columns] = upper_entries(at.shape - true.shape)
         elif name == "rotation":
             errors[columns] = rotation_vectors((at.rotation @ true.rotation.T)[np.newaxis])[0]
         elif name == "direction":
-            errors[columns] = across(at.direction).T @ (at.direction - true.direction)
+            errors[columns] = perpendicular_vectors(at.direction).T @ (at.direction - true.direction)
         else:
             errors[columns] = getattr(at, name) - getattr(true, name)
     return errors
@@ -414,9 +418,9 @@ def tilted_error_deg(answer: Answer, recording: Simulated, tilt_deg: float) -> f
     heading, side = (grid.ravel() for grid in np.meshgrid(np.arange(36) * np.pi / 18, np.arange(8) * np.pi / 4))
     leans = math.radians(tilt_deg) * np.stack([np.cos(side), np.sin(side), np.zeros(len(side))], axis=1)
     attitudes = simulate.turns(np.outer(heading, [0.0, 0.0, 1.0])) @ simulate.turns(leans)
-    true = FIELD_STRENGTH * simulate.seen_from(attitudes, simulate.north_and_down(60.0))
+    true = FIELD_STRENGTH * simulate.in_body_axes(attitudes, simulate.north_and_down(60.0))
     raw = true @ np.asarray(recording.sensor.matrix).T + recording.sensor.offset
-    felt = simulate.seen_from(attitudes, np.array([0.0, 0.0, -1.0]))
+    felt = simulate.in_body_axes(attitudes, np.array([0.0, 0.0, -1.0]))
     apart = np.radians(magnetic_heading_deg((raw - offset) @ matrix.T, felt)) - np.radians(
         magnetic_heading_deg(true, felt)
     )
@@ -457,7 +461,7 @@ def magnet_trial(motion: str, aiding: str, number: int) -> tuple[str, float, flo
     recording = simulate.tumble(number, motion=motion, n=10_000, disturbances=(simulate.PassingMagnet(100.0),))
     assert recording.attitudes is not None
     errors = np.radians(np.random.default_rng([SEED, 3, number]).normal(0.0, 1.0, (10_000, 3)))
-    samples = replace(recording.samples, attitude=of_matrix(recording.attitudes @ simulate.turns(errors)))
+    samples = replace(recording.samples, attitude=from_matrix(recording.attitudes @ simulate.turns(errors)))
     try:
         fit = flinders.fit(samples, aiding=aiding)
     except FlindersError:
@@ -518,7 +522,7 @@ def short_drive(disturbed: str, number: int) -> tuple[Simulated, Samples]:
     if disturbed == "lasting":
         make_lasting(errors, 10.0 * 50.0)
     walk = np.cumsum(rng.normal(0.0, 5e-4 / math.sqrt(50.0), (1500, 3)), axis=0) if disturbed == "walk" else 0.0
-    attitude = of_matrix(recording.attitudes @ simulate.turns(errors))
+    attitude = from_matrix(recording.attitudes @ simulate.turns(errors))
     return recording, replace(recording.samples, attitude=attitude, rate=recording.samples.rate + walk)
 
 
@@ -614,7 +618,7 @@ def erring(motion: str, errors: AttitudeErrors, number: int) -> tuple[Simulated,
     noise = simulate.turns(rng.normal(0.0, math.radians(ATTITUDE_NOISE_DEG), (1500, 3)))
     late = recording.attitudes[np.maximum(np.arange(1500) - errors.late_readings, 0)]
     logged = simulate.turns(yaw * [0.0, 0.0, 1.0]) @ late @ mounting @ noise
-    return recording, replace(recording.samples, attitude=of_matrix(logged))
+    return recording, replace(recording.samples, attitude=from_matrix(logged))
 
 
 def erring_trial(motion: str, title: str, number: int) -> list[tuple[str, float, float, bool, bool]]:
@@ -656,7 +660,7 @@ def timed(seconds: float, rate_hz: float, terms: tuple[str, ...]) -> tuple[int, 
     recording = simulate.tumble(1, motion="swayed", n=round(seconds * rate_hz), rate_hz=rate_hz)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     begun = time.process_time()
-    solve(recording.samples, terms)
+    fit_aided(recording.samples, terms)
     took = time.process_time() - begun
     return len(recording.samples), took, (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
 

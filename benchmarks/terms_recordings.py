@@ -23,12 +23,12 @@ import numpy as np
 import flinders
 from benchmarks.recordings import FOLDER
 from flinders.estimators import Readings
-from flinders.estimators.aiding import solve
+from flinders.estimators.aiding import fit_aided
 from flinders.estimators.auto import Auto
 from flinders.fitting.result import Refused
 from flinders.heading.attitude import magnetic_heading_deg
 from flinders.heading.error_propagation import level_error, level_turn
-from flinders.likelihood.dip import upright
+from flinders.likelihood.dip import correct_verticals
 from flinders.simulate import rotation_vectors
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
-    from flinders.estimators.aiding import Aided
+    from flinders.estimators.aiding import AidedFit
 
 WITH_ACCELEROMETER: Final = ("ckexplorer_acc_mag/acc_mag_log.csv", "timspi_imu_gnss/imu_gnss_data.csv")
 WITH_GYRO: Final = (
@@ -92,7 +92,7 @@ def read(name: str) -> Samples:
 
 def dip_of(samples: Samples) -> Dip:
     """Fit with the magnitude alone, and with the dip."""
-    alone, aided = solve(samples, ()), solve(samples, ("dip",))
+    alone, aided = fit_aided(samples, ()), fit_aided(samples, ("dip",))
     covariance = aided.rotation_covariance
     sigma = np.full(3, np.nan) if covariance is None else np.degrees(np.sqrt(np.diag(covariance)))
     return Dip(
@@ -111,7 +111,7 @@ def dip_spread_deg(samples: Samples, offset: Floats, matrix: Floats, errors: Flo
     assert samples.acceleration is not None
     size = np.linalg.norm(samples.acceleration, axis=1)
     still = np.abs(size / np.median(size) - 1.0) < MAX_ACCELERATION_SHARE
-    down, _ = upright(-samples.acceleration[still] / size[still, np.newaxis], errors)
+    down, _ = correct_verticals(-samples.acceleration[still] / size[still, np.newaxis], errors)
     field = (samples.field[still] - offset) @ matrix.T
     cosine = np.einsum("ni,ni->n", field, down) / np.linalg.norm(field, axis=1) / np.linalg.norm(down, axis=1)
     angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
@@ -143,13 +143,13 @@ class Third:
 
 def thirds_of(samples: Samples) -> list[Third]:
     """Fit the whole by its magnitude, and each third with the gyro and without."""
-    whole = solve(samples, ())
+    whole = fit_aided(samples, ())
     return [third_of(whole, samples[part * len(samples) // 3 : (part + 1) * len(samples) // 3]) for part in range(3)]
 
 
-def third_of(whole: Aided, third: Samples) -> Third:
+def third_of(whole: AidedFit, third: Samples) -> Third:
     """Compare one third with the whole."""
-    aided = solve(third, ("rate",))
+    aided = fit_aided(third, ("rate",))
     alone = Auto().estimate(Readings.of(third)).ellipsoid
     covariance = whole.covariance[:9, :9] + aided.covariance[:9, :9]
     apart, truth = aided.parameters.offset - whole.parameters.offset, whole.ellipsoid
@@ -230,7 +230,7 @@ def tables() -> Iterator[str]:
     yield "|---|---:|---:|---:|"
     sphere = read(SPHERE)
     for title, terms in (("magnitude alone", ()), ("dip", ("dip",))):
-        fitted = solve(sphere, terms)
+        fitted = fit_aided(sphere, terms)
         found_at = scripted_deg(fitted.parameters.offset, fitted.matrix)
         cells = (f"{middle - found_at[0][0]:.1f} ± {spread:.1f}" for middle, spread in found_at)
         yield f"| {title} | {' | '.join(cells)} |"

@@ -28,9 +28,9 @@ from flinders.comparison.agreement import disagreements
 from flinders.comparison.multi_sensor import fit_multi
 from flinders.estimators import Readings
 from flinders.estimators.auto import Auto
-from flinders.estimators.multi_sensor import Several, solve
+from flinders.estimators.multi_sensor import MultiSensorFit, fit_sensors
 from flinders.fitting.result import Fit, Refused
-from flinders.geometry.ellipsoid import upper
+from flinders.geometry.ellipsoid import upper_entries
 from flinders.geometry.rotation import rotations
 from flinders.likelihood.site_field import recorded_site
 
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from flinders.arrays import Floats
-    from flinders.comparison.members import Together
+    from flinders.comparison.members import MultiFit
     from flinders.estimators import Estimate
     from flinders.simulate import Sensor, Simulated
 
@@ -87,12 +87,12 @@ def weighed(error: Floats, covariance: Floats) -> float:
     return float(error @ np.linalg.solve(covariance, error)) / len(error)
 
 
-def scores(found: Several, true: Body) -> Iterator[tuple[str, float]]:
+def scores(found: MultiSensorFit, true: Body) -> Iterator[tuple[str, float]]:
     """Yield the squared errors of all sensors, weighed."""
     for number, (sensor, turn) in enumerate(zip(true.sensors, true.rotations, strict=True)):
         at, claimed = found.parameters[number], found.of(number)
         yield "offset", weighed(at.offset - sensor.offset, claimed[:3, :3])
-        yield "shape", weighed(upper(at.shape) - upper(FIELD * sensor.matrix), claimed[3:9, 3:9])
+        yield "shape", weighed(upper_entries(at.shape) - upper_entries(FIELD * sensor.matrix), claimed[3:9, 3:9])
         if number:
             off = at.rotation @ turn.T
             vector = 0.5 * np.array([off[2, 1] - off[1, 2], off[0, 2] - off[2, 0], off[1, 0] - off[0, 1]])
@@ -109,7 +109,7 @@ def nees_table(trials: int) -> Iterator[str]:
             left_open = 0
             for seed in range(trials):
                 true = body(motion, n, noises, seed)
-                found = solve(true.fields)
+                found = fit_sensors(true.fields)
                 left_open += found.unobserved > 0
                 if not found.unobserved:
                     for kind, value in scores(found, true):
@@ -134,7 +134,7 @@ def gain_table(trials: int) -> Iterator[str]:
             for seed in range(trials):
                 true = body(motion, n, noises, seed)
                 alone = [Auto().estimate(Readings.of(field)) for field in true.fields]
-                found = solve(true.fields, starts=alone)
+                found = fit_sensors(true.fields, starts=alone)
                 pairs = list(zip(alone, true.sensors, strict=True))
                 apart = [heading_deg(one, sensor, true.path) for one, sensor in pairs]
                 joint = [heading_deg(found.estimate(i), sensor, true.path) for i, (_, sensor) in enumerate(pairs)]
@@ -158,7 +158,7 @@ def disagreements_table(trials: int) -> Iterator[str]:
                 during = (moments > 12.0) & (moments < 16.0)
                 fields = true.fields.copy()
                 fields[1] += np.outer(during, strength * direction / np.linalg.norm(direction))
-                found = solve(fields)
+                found = fit_sensors(fields)
                 seen = np.stack([found.corrected(i, field) for i, field in enumerate(fields)])
                 runs = disagreements(seen, moments)
                 hits = [run for run in runs if run.start_s < 16.0 and run.end_s > 12.0] if strength else []
@@ -185,7 +185,7 @@ def real_table() -> Iterator[str]:
     yield from _rows(fit_multi({path.stem.rpartition("_")[2]: read(path, unit="uT") for path in arm}))
 
 
-def _rows(found: Together) -> Iterator[str]:
+def _rows(found: MultiFit) -> Iterator[str]:
     """Yield a row for each sensor of a body."""
     for member in found.members:
         worst = []
@@ -208,7 +208,7 @@ def time_table() -> Iterator[str]:
             true = body("hand", n, (0.5,) * sensors, 1)
             starts = [Auto().estimate(Readings.of(field)) for field in true.fields]
             begun = time.process_time()
-            solve(true.fields, starts=starts)
+            fit_sensors(true.fields, starts=starts)
             yield f"| {sensors} | {n:,} | {time.process_time() - begun:.2f} |"
 
 

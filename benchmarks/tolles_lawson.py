@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from flinders.apps.survey.simulate_aircraft import Aircraft, calibration_flight, fluxgate
-from flinders.apps.survey.tolles_lawson_fit import NO_RIDGE, Equations, fitted
+from flinders.apps.survey.tolles_lawson_fit import NO_RIDGE, Equations, fit_coefficients
 from flinders.apps.survey.tolles_lawson_terms import Signal
 from flinders.simulate import Sensor
 
@@ -90,7 +90,7 @@ def trial(seed: int, iron: float, **different: Any) -> Trial:
     again = calibration_flight(rng, **exact)
     between = calibration_flight(rng, **{**exact, "headings_deg": BETWEEN_DEG, "manoeuvres": MANOEUVRES})
     survey = calibration_flight(rng, aircraft=aircraft, vector=same["vector"], headings_deg=BETWEEN_DEG)
-    fit = fitted(flight.samples)
+    fit = fit_coefficients(flight.samples)
     left, optimum = survey.interference - fit.interference(survey.samples), _optimum(survey)
     merit, after = merit_of(survey, survey.interference), merit_of(survey, left)
     return Trial(
@@ -108,7 +108,7 @@ def trial(seed: int, iron: float, **different: Any) -> Trial:
 def in_band(flight: Flight, values: Floats) -> float:
     """Standard deviation of (N,) values of a flight, nT, from 0.1 to 0.9 Hz."""
     runs = Signal.of(flight.samples).runs()
-    cosines = np.concatenate([run.filtered(values[run.rows]) for run in runs])
+    cosines = np.concatenate([run.filter_band(values[run.rows]) for run in runs])
     return float(np.sqrt(np.sum(cosines**2) / sum(map(len, runs))))
 
 

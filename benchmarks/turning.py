@@ -69,7 +69,7 @@ def play(asked: Sequence[dict[str, Any]]) -> list[Run]:
     """Simulate users who turn sensors."""
     given = {
         "modules": str(files("flinders.apps.live").joinpath("static")),
-        "wasm": str(build.library(target=build.WEB)),
+        "wasm": str(build.library(target=build.WEB_PLATFORM)),
         "data": page_data(),
         "asked": asked,
     }
@@ -107,7 +107,7 @@ def main() -> int:
     parser.add_argument("--processes", type=int, default=2)
     given = parser.parse_args()
     try:
-        build.library(target=build.WEB)
+        build.library(target=build.WEB_PLATFORM)
     except build.NoCompiler as error:
         print(error, file=sys.stderr)
         return 1

@@ -25,8 +25,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from benchmarks.adversary import (
-    FINE,
     RATE_HZ,
+    STEPS_PER_READING,
     STRENGTH_UT,
     Effect,
     Path,
@@ -58,7 +58,7 @@ REACH_M: Final = 0.5
 """Radius of the region with the stated variation of the field."""
 VARIATION: Final = (0.005, 0.02)
 """Range of the variation as a share of the strength, rms."""
-STEP_S: Final = 1.0 / (FINE * RATE_HZ)
+STEP_S: Final = 1.0 / (STEPS_PER_READING * RATE_HZ)
 SECONDS: Final = 60.0
 
 

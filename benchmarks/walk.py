@@ -36,7 +36,7 @@ from click.testing import CliRunner
 import flinders
 from flinders import simulate
 from flinders.cli import main as program
-from flinders.findings.c_tables import MADE
+from flinders.findings.c_tables import NOTICE
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -154,7 +154,7 @@ def a_line(_: Path) -> None:
         if taken.readings is not None:
             rows = rows_of(taken.readings)
             rows[:, 0], timeline = timeline(rows[:, 0])
-            buffer = buffer.extended(rows)
+            buffer = buffer.with_rows(rows)
     readings_frame(
         generation=1, first=0, stride=buffer.stride, total=buffer.total, is_last=True,
         rows=buffer.rows(0, len(buffer)), latest=buffer.latest, is_microtesla=True,
@@ -170,12 +170,12 @@ def an_array(_: Path) -> None:
 def a_session(_: Path) -> None:
     """From the readings of a session to its final calibration."""
     from flinders.apps.live.buffer import ReadingBuffer, rows_of
-    from flinders.apps.live.finished import Wanted, finished
+    from flinders.apps.live.finished import FinishInputs, finish_calibration
     from flinders.apps.live.messages import Edits
     from flinders.apps.live.session_file import Log
 
-    log = Log(ReadingBuffer.empty().extended(rows_of(_tumble())), _tumble().unit)
-    made = finished("1", Wanted("the board", Edits(), log, None, {}, None))
+    log = Log(ReadingBuffer.empty().with_rows(rows_of(_tumble())), _tumble().unit)
+    made = finish_calibration("1", FinishInputs("the board", Edits(), log, None, {}, None))
     if made.view is None:
         sys.exit(made.refusal)
 
@@ -204,7 +204,7 @@ def foreign_sizes() -> dict[str, list[int]]:
         comments = re.findall(r"^[ \t]*(?:/\*.*?\*/[ \t]*$|//[^\n]*)", text, flags=re.MULTILINE | re.DOTALL)
         filled = sum(bool(line.strip()) for line in text.splitlines())
         lines = sum(len(comment.splitlines()) for comment in comments)
-        count = counts.setdefault(f"{name}, made" if MADE in text else name, [0, 0, 0])
+        count = counts.setdefault(f"{name}, made" if NOTICE in text else name, [0, 0, 0])
         count[:] = count[0] + 1, count[1] + filled - lines, count[2] + lines
     return counts
 

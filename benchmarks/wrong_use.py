@@ -24,12 +24,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders import fit, simulate
-from flinders.core.axes import TURNS
+from flinders.core.axes import AXIS_ROTATIONS
 from flinders.core.geomag import site_field
 from flinders.errors import FitError
-from flinders.fitting.aid_selection import aided_by
+from flinders.fitting.aid_selection import fit_with_aids
 from flinders.fitting.result import Refused
-from flinders.geometry.quaternions import of_angles, of_matrix, product
+from flinders.geometry.quaternions import from_angles, from_matrix, product
 from flinders.heading.attitude import magnetic_heading_deg
 from flinders.likelihood.site_field import Site
 from flinders.simulate.attitudes import rates
@@ -117,7 +117,7 @@ def gyro(motion: str, seed: int, strength: float) -> Attack:
 def axes(motion: str, seed: int, strength: float) -> Attack:
     """Axes exchanged by one of 23 rotations: 0 of the gyro, 1 of the accelerometer, 2 of both alike."""
     _, samples, rng = recorded(motion, seed)
-    turn = TURNS[rng.integers(1, len(TURNS))]
+    turn = AXIS_ROTATIONS[rng.integers(1, len(AXIS_ROTATIONS))]
     columns = {0: ("rate",), 1: ("acceleration",), 2: ("rate", "acceleration")}[int(strength)]
     wrong = {name: turn.apply(getattr(samples, name)) for name in columns}
     return Attack(replace(samples, **wrong), ("rate", "dip"), "swapped-axes")  # type: ignore[arg-type]
@@ -136,8 +136,8 @@ def mirrored(motion: str, seed: int, strength: float) -> Attack:
 def left_handed(motion: str, seed: int, strength: float) -> Attack:
     """Magnetometer mounted by one of 24 rotations, with one axis mirrored: 0 to 2 for x, y, z, 3 for none."""
     _, samples, rng = recorded(motion, seed)
-    turn = TURNS[rng.integers(len(TURNS))]
-    mounted = turn.turned_over("xyz"[int(strength)]) if strength < 3 else turn
+    turn = AXIS_ROTATIONS[rng.integers(len(AXIS_ROTATIONS))]
+    mounted = turn.reverse_axis("xyz"[int(strength)]) if strength < 3 else turn
     home = Site.of(site_field(*HOME, year=YEAR))
     code = f"mirrored-axis {mounted}" if strength < 3 else ""
     field = samples.field @ mounted.matrix
@@ -172,12 +172,12 @@ def compass(motion: str, seed: int, strength: float) -> Attack:
     around = rng.normal(size=3)
     offset = strength * around / np.linalg.norm(around)
     samples = replace(samples, field=samples.field - true.sensor.offset + offset)
-    felt = simulate.seen_from(true.attitudes, np.array([0.0, 0.0, -1.0]))
+    felt = simulate.in_body_axes(true.attitudes, np.array([0.0, 0.0, -1.0]))
     raw = samples.field @ np.linalg.inv(np.asarray(true.sensor.matrix)).T
     perfect = true.field_strength * true.directions
     error = np.radians(magnetic_heading_deg(raw, felt) - magnetic_heading_deg(perfect, felt))
     zeros = np.zeros(len(error))
-    yawed = product(of_angles(np.stack([zeros, zeros, error], axis=1)), samples.attitude)  # type: ignore[arg-type]
+    yawed = product(from_angles(np.stack([zeros, zeros, error], axis=1)), samples.attitude)  # type: ignore[arg-type]
     return Attack(replace(samples, attitude=yawed), ("dip", "attitude"), "circular-attitude")
 
 
@@ -197,9 +197,9 @@ def one_axis(motion: str, seed: int, strength: float) -> Attack:
     heading = np.unwrap(np.arctan2(turning.attitudes[:, 1, 0], turning.attitudes[:, 0, 0]))
     home = site_field(*HOME, year=YEAR)
     lean = np.radians(strength) * np.sin(np.outer(turning.time, [0.31, 0.23]) + rng.uniform(0.0, 6.0, 2))
-    attitudes = simulate.posed(heading, lean[:, 0], lean[:, 1])
+    attitudes = simulate.attitudes_of(heading, lean[:, 0], lean[:, 1])
     sensor = simulate.Sensor.random(rng, noise=0.5)
-    true = simulate.seen_from(attitudes, home.strength * simulate.north_and_down(home.inclination_deg))
+    true = simulate.in_body_axes(attitudes, home.strength * simulate.north_and_down(home.inclination_deg))
     rate = rates(attitudes, RATES_HZ[motion]) + rng.normal(0.0, 0.005, true.shape) + rng.normal(0.0, 0.01, 3)
     base = simulate.tumble(rng, motion="hand", n=COUNT, rate_hz=RATES_HZ[motion]).samples
     samples = replace(
@@ -236,7 +236,7 @@ def codes_of(attack: Attack) -> tuple[str, ...]:
             return (f"refused: {type(refusal).__name__}",)
         return tuple(finding.code for finding in findings if finding.code.startswith("disturbance"))
     try:
-        _, aiding = aided_by(attack.samples, attack.aiding, site=attack.site)
+        _, aiding = fit_with_aids(attack.samples, attack.aiding, site=attack.site)
     except FitError as refusal:
         return (f"refused: {type(refusal).__name__}",)
     return tuple(_named(mistake) for mistake in aiding.mistakes)
@@ -299,7 +299,7 @@ def _attitude(true: Simulated, mounting: Floats, rng: np.random.Generator) -> Fl
     """(N, 4) logged attitude of gyro and accelerometer, with 0.5° of noise about each axis."""
     assert true.attitudes is not None
     shaken = simulate.turns(rng.normal(0.0, np.radians(0.5), (len(true.attitudes), 3)))
-    return of_matrix(true.attitudes @ mounting.T @ shaken)
+    return from_matrix(true.attitudes @ mounting.T @ shaken)
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ from flinders.apps.live.standalone.engine import data
 from flinders.core.samples import Samples
 from flinders.core.units import MICROTESLA
 from flinders.findings import first_causes
-from flinders.findings.catalogue import OF_A_FIT
+from flinders.findings.catalogue import ENGINE_FINDINGS
 from flinders.findings.rules import SEVERITIES
 from flinders.native import build
 from flinders.native.engine import engine
@@ -71,9 +71,9 @@ class Said(NamedTuple):
     def of(cls, severities: Sequence[int], checked: Sequence[int], advice: dict[str, str] | None = None) -> Said:
         """What numbers for each finding of the catalogue say."""
         found: dict[str, str] = {
-            code: SEVERITIES[each] or "" for code, each in zip(OF_A_FIT, severities, strict=True) if each
+            code: SEVERITIES[each] or "" for code, each in zip(ENGINE_FINDINGS, severities, strict=True) if each
         }
-        looked_for = [code for code, each in zip(OF_A_FIT, checked, strict=True) if each]
+        looked_for = [code for code, each in zip(ENGINE_FINDINGS, checked, strict=True) if each]
         return cls(found, looked_for, advice or {})
 
     def among(self, codes: Sequence[str]) -> dict[str, str]:
@@ -91,7 +91,7 @@ def python(samples: Samples) -> Said:
     fit = firmware.fit_of(samples)
     assert fit is not None
     advice = {finding.code: finding.advice for finding in first_causes(fit.findings)}
-    return Said({finding.code: finding.severity for finding in fit.findings}, list(OF_A_FIT), advice)
+    return Said({finding.code: finding.severity for finding in fit.findings}, list(ENGINE_FINDINGS), advice)
 
 
 def many(each: Sequence[Samples]) -> list[Said]:
@@ -106,12 +106,12 @@ def _checked(judgement: Records) -> list[int]:
     """Whether each finding was looked for, 1 or 0."""
     library = ctypes.CDLL(str(build.library()))
     quantities = np.ascontiguousarray(judgement["quantities"]).ctypes
-    return [library.flinders_is_checked(rule, ctypes.c_void_p(quantities.data)) for rule in range(len(OF_A_FIT))]
+    return [library.flinders_is_checked(rule, ctypes.c_void_p(quantities.data)) for rule in range(len(ENGINE_FINDINGS))]
 
 
 def page(each: Sequence[Samples]) -> list[Said]:
     """What the page that needs no program says."""
-    wasm = base64.b64encode(build.library(target=build.WEB).read_bytes()).decode()
+    wasm = base64.b64encode(build.library(target=build.WEB_PLATFORM).read_bytes()).decode()
     asked = [case_of(samples).asked for samples in each]
     return list(starmap(Said.of, run(EVALUATE, {"wasm": wasm, "data": data(), "asked": asked})))
 
@@ -135,8 +135,8 @@ def said(samples: Samples) -> dict[str, Said]:
 
 def main(readings: str) -> None:
     """Compile the engine, and print what each binding says."""
-    for target, level in ((build.THIS, "-O0"), (build.WEB, "-O1")):  # without it zig links sanitizers
-        made = build.path(target=target)
+    for target, level in ((build.THIS_PLATFORM, "-O0"), (build.WEB_PLATFORM, "-O1")):  # without it zig links sanitizers
+        made = build.library_path(target=target)
         made.parent.mkdir(exist_ok=True)
         build.compile_library(made, compiler=build.compiler(target), options=[level], target=target)
     print(json.dumps(said(Samples(np.load(readings)))))  # noqa: T201

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flinders.core.geomag import site_field
-from flinders.geometry.angles import wrapped
+from flinders.geometry.angles import wrap_360
 from flinders.heading.harmonics import design
 
 if TYPE_CHECKING:
@@ -63,9 +63,9 @@ class Boat:
         velocity = velocity + 0.05 * (rng.standard_normal(len(time)) + 1j * rng.standard_normal(len(time)))
         return cls(
             time,
-            wrapped(yaw),
-            wrapped(compass + noise * rng.standard_normal(len(time))),
-            wrapped(np.rad2deg(np.angle(velocity))),
+            wrap_360(yaw),
+            wrap_360(compass + noise * rng.standard_normal(len(time))),
+            wrap_360(np.rad2deg(np.angle(velocity))),
             np.abs(velocity),
         )
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flinders.geometry.ellipsoid import gathered
+from flinders.geometry.ellipsoid import parameter_derivatives
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -20,4 +20,4 @@ def direction_gradients(ellipsoid: Ellipsoid, directions: Floats) -> Floats:
     """
     across = np.eye(3)[:, np.newaxis] - directions.T[:, :, np.newaxis] * directions  # (3, K, 3), the columns of 1 − uuᵀ
     vectors = np.linalg.solve(ellipsoid.shape, across.reshape(3, -1))
-    return gathered(vectors, np.repeat(directions.T, 3, axis=1)).reshape(-1, 3, 9)
+    return parameter_derivatives(vectors, np.repeat(directions.T, 3, axis=1)).reshape(-1, 3, 9)

@@ -63,7 +63,11 @@ def swinging(stops: Floats, *, noise: float = 0.2) -> Floats:
 def calibrated(n: int) -> None:
     """A calibration of the same sensor from `n` noisy readings, with its uncertainty."""
     rng = np.random.default_rng(5)
-    raw = np.linalg.solve(MATRIX, 50.0 * simulate.uniform(rng, n).T).T + OFFSET + 0.5 * rng.standard_normal((n, 3))
+    raw = (
+        np.linalg.solve(MATRIX, 50.0 * simulate.uniform_directions(rng, n).T).T
+        + OFFSET
+        + 0.5 * rng.standard_normal((n, 3))
+    )
     fit(raw, unit=Unit.of("uT")).save("calibration.json", force=True)
 
 

@@ -15,13 +15,13 @@ from tests.numpy_slow_noise import Series, averaged
 
 from flinders.errors import NotAnEllipsoid, Undetermined
 from flinders.estimators.base import Correlation, Estimate
-from flinders.estimators.covariance import Residuals, time_of
-from flinders.estimators.likelihood import start
-from flinders.geometry.ellipsoid import GATHER, Ellipsoid, centred, symmetric
+from flinders.estimators.covariance import Residuals, correlation_length
+from flinders.estimators.likelihood import start_ellipsoid
+from flinders.geometry.ellipsoid import PARAMETER_DERIVATIVES, Ellipsoid, subtract_centre, symmetric_matrix
 from flinders.likelihood import magnitude, prior
-from flinders.likelihood.equations import FINEST, NormalEquations
-from flinders.likelihood.identifiability import WELL_CONDITIONED, Support, spurious_information
-from flinders.summary.coverage import CELLS, cells_of, directions_of
+from flinders.likelihood.equations import MIN_NOISE, NormalEquations
+from flinders.likelihood.identifiability import MIN_SOUND_EIGENVALUE, Support, spurious_information
+from flinders.summary.coverage import CELL_CENTRES, cell_indices, corrected_directions
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -109,13 +109,13 @@ MOST_FREEDOM: Final = 1.3
 class NumpyLikelihood:
     """As `flinders.estimators.likelihood.Likelihood`, of readings in memory."""
 
-    prior: float | None = prior.SPREAD
+    prior: float | None = prior.SOFT_IRON_SPREAD
     bias_correction: bool = True
 
     def estimate(self, readings: Readings) -> Estimate:
         """Fit readings in memory."""
-        ellipsoid = start(readings)
-        some = _Some.of(readings.thinned(SOME if len(readings) > ENOUGH else ENOUGH, ""))
+        ellipsoid = start_ellipsoid(readings)
+        some = _Some.of(readings.thin(SOME if len(readings) > ENOUGH else ENOUGH, ""))
         if not some.spread:  # all alike, as what the rails of a sensor leave of a turn can be
             raise NotAnEllipsoid(method="")
         estimate, ellipsoid = self._fitted(readings, some, ellipsoid)
@@ -146,7 +146,7 @@ class NumpyLikelihood:
                 if math.sqrt(estimate.variance) < LARGE * float(ellipsoid.shape.trace()) / 3.0:
                     covariance += slow - explained
                     ellipsoid = _moved(ellipsoid, step)
-            variation = estimate.support.projected(variation_scatter(directions, jacobian, len(readings)))
+            variation = estimate.support.project(variation_scatter(directions, jacobian, len(readings)))
             variation = estimate.covariance @ variation @ estimate.covariance / estimate.variance**2
             covariance = covariance + variance * variation
         return Estimate(
@@ -214,7 +214,9 @@ class NumpyLikelihood:
         likelihood = linearised(blocks, ellipsoid)
         believed = NormalEquations.empty()
         if self.prior is not None:
-            believed = prior.equations(ellipsoid, spread=self.prior) + prior.sense(ellipsoid, some.middle, some.spread)
+            believed = prior.equations(ellipsoid, spread=self.prior) + prior.plausibility_equations(
+                ellipsoid, some.middle, some.spread
+            )
         return _Posterior(ellipsoid, likelihood, believed, some, plain=not self.bias_correction, sound=sound)
 
     def _unbiased(self, posterior: _Posterior) -> NormalEquations:
@@ -240,7 +242,7 @@ def exact_equations(blocks: Iterable[Floats], ellipsoid: Ellipsoid) -> NormalEqu
     """Normal equations with the gradient of Σ s² itself, whose root is the minimum of the Sampson cost."""
     inverse, total = np.linalg.inv(ellipsoid.shape), NormalEquations.empty()
     for block in blocks:
-        y = inverse @ centred(block, ellipsoid.centre)
+        y = inverse @ subtract_centre(block, ellipsoid.centre)
         length = np.linalg.norm(y, axis=0)
         unit = y / length
         normal = inverse @ unit
@@ -249,14 +251,14 @@ def exact_equations(blocks: Iterable[Floats], ellipsoid: Ellipsoid) -> NormalEqu
         turned, s = inverse @ normal, (length - 1.0) / steepness
         tangent = inverse @ (turned - unit * np.sum(unit * turned, axis=0)) / steepness
         grid = normal[:, np.newaxis] * y - s * (turned[:, np.newaxis] * normal + tangent[:, np.newaxis] * unit)
-        jacobian = np.concatenate([normal - tangent * (s / length), grid.reshape(9, -1)]).T @ GATHER
+        jacobian = np.concatenate([normal - tangent * (s / length), grid.reshape(9, -1)]).T @ PARAMETER_DERIVATIVES
         total += NormalEquations(jacobian.T @ jacobian, jacobian.T @ s, float(s @ s), len(s))
     return total
 
 
 def is_sound(support: Support) -> bool:
     """All directions are seen, none of them badly."""
-    return bool(support.values[0] > WELL_CONDITIONED)
+    return bool(support.values[0] > MIN_SOUND_EIGENVALUE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -322,7 +324,7 @@ class _Posterior:
     @cached_property
     def variance(self) -> float:
         """Noise variance that the readings are weighed with: no sensor resolves a millionth of the field."""
-        return max(self.noise, FINEST * self.ellipsoid.radius) ** 2
+        return max(self.noise, MIN_NOISE * self.ellipsoid.radius) ** 2
 
     @cached_property
     def weighed(self) -> NormalEquations:
@@ -342,7 +344,7 @@ class _Posterior:
         def spurious(most: int) -> Floats:
             points = self.some.field[:: max(1, len(self.some) // most)]
             share = self.likelihood.count / len(points)
-            return share * spurious_information(directions_of(points, self.ellipsoid), self.ellipsoid)
+            return share * spurious_information(corrected_directions(points, self.ellipsoid), self.ellipsoid)
 
         support = Support.of(self.weighed.matrix, lambda: spurious(FEW_POINTS))
         if support.share.max() <= NEXT_TO_NOTHING:
@@ -351,7 +353,7 @@ class _Posterior:
 
     def combined(self, weighed: NormalEquations) -> NormalEquations:
         """What the readings say of what they see, and the prior."""
-        return self.prior + (weighed if self.sound else self.support.keep(weighed))
+        return self.prior + (weighed if self.sound else self.support.remove_unobservable(weighed))
 
     @cached_property
     def equations(self) -> NormalEquations:
@@ -361,14 +363,14 @@ class _Posterior:
     @cached_property
     def covariance(self) -> Floats:
         """(9, 9) covariance of the parameters, in unit²."""
-        seen = self.support.keep(self.weighed).matrix if self.plain else self.support.information
+        seen = self.support.remove_unobservable(self.weighed).matrix if self.plain else self.support.information
         return replace(self.prior, matrix=self.prior.matrix + seen).inverse()
 
     def widened(self, scatter: Floats, correlation: Correlation) -> Floats:
         """(9, 9) covariance with the scatter that correlated residuals give the gradient."""
         if correlation.is_white:
             return self.covariance
-        scatter = self.support.projected(scatter) / self.variance**2
+        scatter = self.support.project(scatter) / self.variance**2
         covariance: Floats = self.covariance @ (self.prior.matrix + scatter) @ self.covariance
         return covariance
 
@@ -406,11 +408,11 @@ class _Posterior:
 def segments_of(readings: Readings) -> list[Floats]:
     """Some consecutive readings, spread over the recordings; all of them where they are not too many."""
     if len(readings) <= STRETCHES * STRETCH:
-        return [part.thinned(len(part), "") for part in readings.each if len(part)]
+        return [part.thin(len(part), "") for part in readings.single_recordings if len(part)]
     every = -(-len(readings) // STRETCHES)
     segments: list[Floats] = []
     seen = 0
-    for part in readings.each:
+    for part in readings.single_recordings:
         for block in part.blocks(""):
             segments += [block[begin : begin + STRETCH] for begin in range(-seen % every, len(block), every)]
             seen += len(block)
@@ -424,7 +426,7 @@ def moments_of(readings: Readings) -> Floats:
         return np.arange(total, dtype=np.float64)
     every, seen = -(-total // STRETCHES), 0
     places: list[Floats] = []
-    for part in readings.each:
+    for part in readings.single_recordings:
         for block in part.blocks(""):
             rows = np.arange(seen, seen + len(block), dtype=np.float64)
             places += [rows[begin : begin + STRETCH] for begin in range(-seen % every, len(rows), every)]
@@ -474,13 +476,13 @@ def _is_closed(ellipsoid: Ellipsoid) -> bool:
 
 
 def _moved(ellipsoid: Ellipsoid, step: Floats) -> Ellipsoid:
-    return Ellipsoid(ellipsoid.centre + step[:3], ellipsoid.shape + symmetric(step[3:]))
+    return Ellipsoid(ellipsoid.centre + step[:3], ellipsoid.shape + symmetric_matrix(step[3:]))
 
 
 def foot_directions(readings: Floats, ellipsoid: Ellipsoid) -> Floats:
     """(N, 3) directions of the foot points of readings on the surface."""
-    normals = magnitude.information(directions_of(readings, ellipsoid), ellipsoid)[:, :3]
-    return directions_of(readings - magnitude.distances(readings, ellipsoid)[:, np.newaxis] * normals, ellipsoid)
+    normals = magnitude.information(corrected_directions(readings, ellipsoid), ellipsoid)[:, :3]
+    return corrected_directions(readings - magnitude.distances(readings, ellipsoid)[:, np.newaxis] * normals, ellipsoid)
 
 
 def correlated(
@@ -499,10 +501,10 @@ def correlated(
         np.split(np.arange(len(readings)), np.cumsum(lengths)[:-1]),
     )
     share = count / len(readings)
-    if float(np.sqrt(np.mean(residuals.distances**2))) < FINEST * ellipsoid.radius:
+    if float(np.sqrt(np.mean(residuals.distances**2))) < MIN_NOISE * ellipsoid.radius:
         return share * residuals.scatter(residuals.variance()), Correlation(0.0, 1.0, 0.0), residuals
     autocovariance = residuals.autocovariance()
-    time = time_of(autocovariance)
+    time = correlation_length(autocovariance)
     sphere = _Sphere(directions, _principal_axes(directions), ellipsoid)
     direction = known or sphere.distortion(residuals.distances, apart=3 * len(autocovariance), time=time)
     scatter: Floats = np.zeros((9, 9))
@@ -536,7 +538,7 @@ def expected_variation(readings: Floats, directions: Floats, ellipsoid: Ellipsoi
     distances = magnitude.distances(readings, ellipsoid)
     residuals = Residuals(distances, np.empty((0, 9)), np.split(np.arange(len(readings)), ends))
     sphere = _Sphere(directions, _principal_axes(directions), ellipsoid)
-    bits = sphere.likelihoods_of_variation(distances, time_of(residuals.autocovariance()))
+    bits = sphere.likelihoods_of_variation(distances, correlation_length(residuals.autocovariance()))
     weights = PROBABLE * np.exp2(bits - bits.max())
     return float(weights @ VARIATIONS**2 / weights.sum()) * ellipsoid.radius**2
 
@@ -561,13 +563,15 @@ class _Sphere:
     """
 
     def __init__(self, directions: Floats, axes: Floats, ellipsoid: Ellipsoid) -> None:
-        cells = cells_of(directions @ axes.T)
+        cells = cell_indices(directions @ axes.T)
         self.cells: NDArray[np.int64] = cells
         self._axes = axes
-        counts = np.bincount(cells, minlength=len(CELLS)).astype(float)
+        counts = np.bincount(cells, minlength=len(CELL_CENTRES)).astype(float)
         self.seen = np.flatnonzero(counts)
         self.counts = counts[self.seen]
-        sums = np.stack([np.bincount(cells, weights=axis, minlength=len(CELLS)) for axis in directions.T], axis=1)
+        sums = np.stack(
+            [np.bincount(cells, weights=axis, minlength=len(CELL_CENTRES)) for axis in directions.T], axis=1
+        )
         middles = sums[self.seen] / np.linalg.norm(sums[self.seen], axis=1, keepdims=True)
         self._middles = middles
         self._ellipsoid = ellipsoid
@@ -579,7 +583,7 @@ class _Sphere:
 
     @cached_property
     def _kernel(self) -> Floats:
-        centres: Floats = CELLS @ self._axes
+        centres: Floats = CELL_CENTRES @ self._axes
         return _kernel(self._middles, self.jacobian, centres, magnitude.information(centres, self._ellipsoid))
 
     def distortion(self, residuals: Floats, *, apart: int, time: float) -> float:
@@ -603,10 +607,10 @@ class _Sphere:
 
     def smoothed(self, residuals: Floats, direction: float, time: float) -> Floats:
         """(N,) the most probable distortion at each reading."""
-        means = np.bincount(self.cells, weights=residuals, minlength=len(CELLS))[self.seen] / self.counts
+        means = np.bincount(self.cells, weights=residuals, minlength=len(CELL_CENTRES))[self.seen] / self.counts
         noise = float(np.mean(residuals**2)) * time / self.counts
         prior = direction**2 * self._kernel
-        everywhere = np.zeros(len(CELLS))
+        everywhere = np.zeros(len(CELL_CENTRES))
         everywhere[self.seen] = prior @ np.linalg.solve(prior + np.diag(noise), means)
         at_each: Floats = everywhere[self.cells]
         return at_each
@@ -615,7 +619,7 @@ class _Sphere:
         """Standard deviation of a distortion that is about as likely as slow noise, of so many bits; else 0."""
         if len(self.seen) < FEWEST_CELLS:
             return 0.0
-        means = np.bincount(self.cells, weights=residuals, minlength=len(CELLS))[self.seen] / self.counts
+        means = np.bincount(self.cells, weights=residuals, minlength=len(CELL_CENTRES))[self.seen] / self.counts
         none, _ = self._likelihood(residuals, means, 0.0)
         most, white = max(self._likelihood(residuals, means, ratio) for ratio in DISTORTIONS)
         if most - none <= max(PLAIN, AS_LIKELY * slow):
@@ -644,7 +648,7 @@ class _Sphere:
         if len(self.seen) <= 9 or freedom <= 9.0:
             return np.zeros(len(VARIATIONS))
         ratios = (VARIATIONS * self._ellipsoid.radius) ** 2 / np.mean(residuals**2)
-        means = np.bincount(self.cells, weights=residuals, minlength=len(CELLS))[self.seen] / self.counts
+        means = np.bincount(self.cells, weights=residuals, minlength=len(CELL_CENTRES))[self.seen] / self.counts
         counts = self.counts / time
         within = float(np.sum(residuals**2)) / time - float(np.sum(counts * means**2))
         bits = []
@@ -671,7 +675,7 @@ class _Sphere:
 
     def _between_visits(self, cells: NDArray[np.intp], sums: Floats) -> Floats:
         """(seen,) Σ over pairs of different visits to a cell of the products of their sums."""
-        whole, squares = (np.bincount(cells, weights=part, minlength=len(CELLS)) for part in (sums, sums**2))
+        whole, squares = (np.bincount(cells, weights=part, minlength=len(CELL_CENTRES)) for part in (sums, sums**2))
         products: Floats = np.asarray(whole**2 - squares, float)[self.seen]
         return products
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.native.build import HERE
+from flinders.native.build import SOURCE_FOLDER
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -23,13 +23,13 @@ DAY_S: Final = 86400.0
 
 def constant(name: str) -> float:
     """A number that a C file defines."""
-    text = "".join((HERE / file).read_text(encoding="utf-8") for file in ("knowledge.c", "online.c"))
+    text = "".join((SOURCE_FOLDER / file).read_text(encoding="utf-8") for file in ("knowledge.c", "online.c"))
     return float(re.findall(rf"#define {name} \(\(real\)([\d.e+-]+)\)", text)[0])
 
 
 def rates() -> Floats:
     """(7,) rates of the walk, of the radius per root hour."""
-    text = (HERE / "knowledge.c").read_text(encoding="utf-8")
+    text = (SOURCE_FOLDER / "knowledge.c").read_text(encoding="utf-8")
     found = re.findall(r"RATE\[FL_RATES\] = \{(.*?)\}", text)[0]
     return np.array([float(number) for number in re.findall(r"\(real\)([\d.e-]+)", found)])
 

@@ -213,7 +213,7 @@ class PageSession:
 
 def log_of(samples: Samples) -> Log:
     """Samples as a log that was dropped."""
-    buffer = ReadingBuffer.empty().extended(rows_of(samples))
+    buffer = ReadingBuffer.empty().with_rows(rows_of(samples))
     return Log(buffer, samples.unit, samples.axes, "sensor", samples.time is not None)
 
 
@@ -270,7 +270,7 @@ def _asked(message: dict[str, Any]) -> str:
 @cache
 def _program() -> subprocess.Popen[str]:
     """Node.js, which plays all sessions of this process until that ends."""
-    wasm = build.library(target=build.WEB).read_bytes()
+    wasm = build.library(target=build.WEB_PLATFORM).read_bytes()
     program = subprocess.Popen(
         [node(), str(PROGRAM)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, encoding="utf-8"
     )

@@ -17,10 +17,10 @@ from typing import Any, Final
 from tests.javascript import run
 
 from flinders.findings import CATALOGUE
-from flinders.findings.headline import LEADS, LEFT_OUT, REACH_NAMES, REACHES, UNSTATED
+from flinders.findings.headline import CAVEAT, LEADS, REACH_NAMES, REACHES, UNSTATED_REASON
 from flinders.findings.row import CONDITIONS, VERIFICATIONS
 from flinders.findings.words import STEPS, WHY_LARGE
-from flinders.report.fit_pages import NO_BETTER
+from flinders.report.fit_pages import NO_BETTER_WORDS
 
 PACKAGE: Final = Path(str(files("flinders")))
 PAGE: Final = PACKAGE / "apps" / "live" / "static"
@@ -80,9 +80,9 @@ def of_verdicts() -> dict[str, str]:
         **{f"lead.{kind}": words for kind, words in LEADS.items()},
         **{f"reach.{name}": reach for name, (reach, _) in reaches.items()},
         **{f"beyond.{name}": beyond for name, (_, beyond) in reaches.items() if beyond},
-        "basis.no-better": NO_BETTER,
-        "verdict.left-out": LEFT_OUT,
-        "verdict.unstated": UNSTATED,
+        "basis.no-better": NO_BETTER_WORDS,
+        "verdict.left-out": CAVEAT,
+        "verdict.unstated": UNSTATED_REASON,
         **{f"step.{name}": words.replace("{}", "{pose}") for name, words in STEPS.items()},
         **{f"why-large.{name}": words for name, words in WHY_LARGE.items()},
         **{f"condition.{code}": words for code, words in CONDITIONS.items()},

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 from flinders.core.inertial import STANDARD_GRAVITY
-from flinders.geometry.ellipsoid import symmetric
+from flinders.geometry.ellipsoid import symmetric_matrix
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -35,7 +35,7 @@ class FlawedAccelerometer:
     def put_down(self, seed: int, attitudes: Floats, readings: int = 60) -> Floats:
         """(N, 3) m/s²: readings of each attitude, (P, 3) the way that points up, with a hand's movement in between."""
         rng = np.random.default_rng([seed, 2])
-        force = np.linalg.solve(np.eye(3) + symmetric(self.errors[3:]), attitudes.T).T + self.errors[:3]
+        force = np.linalg.solve(np.eye(3) + symmetric_matrix(self.errors[3:]), attitudes.T).T + self.errors[:3]
         spans = [np.repeat(force[:1], readings, axis=0)]
         for before, after in pairwise(force):
             way = np.linspace(before, after, 25) + 0.1 * rng.standard_normal((25, 3))
@@ -46,7 +46,7 @@ class FlawedAccelerometer:
     def in_scale(self, scale: float) -> Floats:
         """(9,) the errors for a unit of gravity of `scale`, in m/s²."""
         share = scale / STANDARD_GRAVITY
-        whole = share * (np.eye(3) + symmetric(self.errors[3:])) - np.eye(3)
+        whole = share * (np.eye(3) + symmetric_matrix(self.errors[3:])) - np.eye(3)
         rows, columns = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]
         return np.concatenate([self.errors[:3] / share, whole[rows, columns]])
 

@@ -22,7 +22,7 @@ from flinders.cli._commands import HEADINGS, ROWS
 from flinders.core import plugins
 from flinders.core.plugins import app_rows, apps
 from flinders.errors import UsageError
-from flinders.readers._asked_columns import asked_columns
+from flinders.readers._asked_columns import parse_columns
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
@@ -195,10 +195,10 @@ def test_a_package_is_imported_as_an_attribute_and_by_its_full_name() -> None:
 
 def test_a_command_of_a_package_is_named_where_the_package_is(monkeypatch: pytest.MonkeyPatch) -> None:
     with assert_raises(UsageError):
-        asked_columns("1,2")
+        parse_columns("1,2")
     monkeypatch.setattr(plugins, "app_rows", lambda _: ())
     with pytest.raises(UsageError, match=r"'4,5,6'$"):
-        asked_columns("1,2")
+        parse_columns("1,2")
 
 
 def test_rows_name_known_tables_and_headings_and_no_key_twice() -> None:

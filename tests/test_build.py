@@ -241,7 +241,7 @@ def test_without_a_compiler_one_line_says_what_to_do(project: Path, capsys: pyte
     with pytest.raises(SystemExit):
         built(project)
     said = capsys.readouterr().err.split("\n")
-    (named,) = [line for line in said if build.WAYS_OUT in line]
+    (named,) = [line for line in said if build.COMPILER_REMEDY in line]
     assert_sentences(named)
 
 
@@ -270,7 +270,8 @@ def put_library(project: Path, tag: str = "") -> tuple[Path, Path]:
     (folder / "LICENSE-zig").write_text("MIT", encoding="utf-8")
     engine = hatch_build.Engine(project)
     library, module = (
-        engine.build.path(folder, target=target) for target in (build.PLATFORMS.get(tag, build.THIS), build.WEB)
+        engine.build.path(folder, target=target)
+        for target in (build.PLATFORMS.get(tag, build.THIS_PLATFORM), build.WEB_PLATFORM)
     )
     library.write_bytes(b"")
     module.write_bytes(b"")
@@ -380,8 +381,10 @@ def test_wheel_and_source_archive_carry_the_engine(archives: tuple[Path, Path]) 
         compiled = [name for name in opened.namelist() if "/compiled/flinders-" in name]
         assert opened.read("flinders/native/flinders.h")
         assert any(name.endswith(".dist-info/licenses/LICENSE") for name in opened.namelist())
-    made = [build.THIS, *([build.WEB] if find_spec(build.ZIG_PACKAGE) else [])]
-    assert set(compiled) == {f"flinders/native/compiled/{build.path(build.COMPILED, target=one).name}" for one in made}
+    made = [build.THIS_PLATFORM, *([build.WEB_PLATFORM] if find_spec(build.ZIG_PACKAGE) else [])]
+    assert set(compiled) == {
+        f"flinders/native/compiled/{build.library_path(build.LIBRARY_FOLDER, target=one).name}" for one in made
+    }
     with tarfile.open(source) as archive:
         files = {name.partition("/")[2] for name in archive.getnames()}
     assert {path.relative_to(ROOT).as_posix() for path in (ROOT / NATIVE).glob("*.[ch]")} <= files

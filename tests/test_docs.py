@@ -125,11 +125,11 @@ def test_the_table_of_a_fit_has_the_keys_that_are_printed() -> None:
 
 def test_sentences_of_findings_are_for_python_the_command_line_and_pages_alike() -> None:
     from flinders.findings import CATALOGUE
-    from flinders.findings.words import STEPS, Z_ELSEWHERE, Z_OPEN
+    from flinders.findings.words import STEPS, Z_NOT_DOWN, Z_UNKNOWN
 
     sentences = [words for row in CATALOGUE.values() for words in (row.template, row.plain, row.remedy)]
     assert not [
-        words for words in (*sentences, *STEPS.values(), Z_OPEN, Z_ELSEWHERE) if re.search(r"--[a-z]|\w=\W", words)
+        words for words in (*sentences, *STEPS.values(), Z_UNKNOWN, Z_NOT_DOWN) if re.search(r"--[a-z]|\w=\W", words)
     ]
 
 

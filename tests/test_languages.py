@@ -12,7 +12,7 @@ from tests.javascript import run
 from tests.phrases import ENGLISH, english, fields, text_of
 
 from flinders import simulate
-from flinders.apps.live.simulated import SAID
+from flinders.apps.live.simulated import COMMENTS
 from flinders.apps.live.standalone.engine import data
 from flinders.core.language import LANGUAGES, language_of
 from flinders.findings import CATALOGUE, first_causes, translation
@@ -127,4 +127,4 @@ def test_the_page_says_in_german_what_the_program_says_in_german() -> None:
 
 def test_the_page_knows_the_remarks_of_the_simulated_sensor() -> None:
     remarks = run("return Object.values((await load('../views/words.js')).REMARKS);", None)
-    assert remarks == [words for _, words in SAID]
+    assert remarks == [words for _, words in COMMENTS]

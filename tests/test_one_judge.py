@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 try:
-    build.library(target=build.WEB)
+    build.library(target=build.WEB_PLATFORM)
 except build.NoCompiler as error:
     pytest.skip(str(error), allow_module_level=True)
 pytestmark = pytest.mark.skipif(build.system_compiler() is None, reason="no C compiler")

@@ -38,7 +38,7 @@ def said(tag: str, **changes: Any) -> str:
 
 
 def test_the_functions_of_the_header_are_those_of_the_library() -> None:
-    header = (build.HERE / "flinders.h").read_text(encoding="utf-8")
+    header = (build.SOURCE_FOLDER / "flinders.h").read_text(encoding="utf-8")
     assert len(FUNCTIONS) == len(re.findall("^FLINDERS_API ", header, re.MULTILINE)) > 20
     assert all(hasattr(engine()._library, name) for name in FUNCTIONS)
 

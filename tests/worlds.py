@@ -20,7 +20,7 @@ import flinders
 from flinders import simulate
 from flinders.core.samples import Samples
 from flinders.fitting.result import Fit, Refused
-from flinders.geometry.ellipsoid import upper
+from flinders.geometry.ellipsoid import upper_entries
 from flinders.geometry.rotation import rotations
 from flinders.simulate import Sensor, Simulated, motions
 from flinders.simulate import attitudes as body_attitudes
@@ -139,7 +139,7 @@ def level_turn(
     headings = np.linspace(0.0, 360.0, n, endpoint=False) if headings_deg is None else headings_deg
     attitudes = simulate.turns(np.outer(np.radians(headings), [0.0, 0.0, 1.0]))
     attitudes = attitudes @ simulate.turns([np.radians(mounted)])
-    directions = simulate.seen_from(attitudes, simulate.north_and_down(dip_deg))
+    directions = simulate.in_body_axes(attitudes, simulate.north_and_down(dip_deg))
     raw = sensor.read(FIELD_STRENGTH * directions, rng)
     strays = np.zeros(len(headings), dtype=np.bool_)
     return Simulated(Samples.of(raw, unit="uT"), sensor, directions, FIELD_STRENGTH, strays)
@@ -190,15 +190,15 @@ def with_slow_noise(field: Floats, *, sigma: float, memory: float, seed: int = 1
 def carried_about(seed: int, *, varies: float, turns: float, rows: int = 900, noise: float = 0.3) -> Samples:
     """A sensor that is turned over so often while it wanders through a field that varies by a share (rms) of itself."""
     rng = np.random.default_rng([seed, round(1000 * varies), round(10 * turns)])
-    rate = motions.wandering(rng, rows, 1.0 - 3.0 * max(turns, 1.0) / rows)
+    rate = motions.smooth_noise(rng, rows, 1.0 - 3.0 * max(turns, 1.0) / rows)
     rate *= 2.0 * np.pi * turns / np.linalg.norm(rate, axis=1).sum()
-    place = np.cumsum(motions.wandering(rng, rows, 1.0 - 20.0 / rows), axis=0)
+    place = np.cumsum(motions.smooth_noise(rng, rows, 1.0 - 20.0 / rows), axis=0)
     place = (place - place.mean(axis=0)) / place.std()
     waves = [(rng.normal(size=3), 0.7 * rng.normal(size=3), rng.uniform(0.0, 6.0)) for _ in range(5)]
     iron = np.sum([np.outer(np.sin(place @ along + phase), size) for size, along, phase in waves], axis=0)
     iron -= iron.mean(axis=0)
     iron *= varies * FIELD_STRENGTH / np.sqrt(np.mean(np.sum(iron**2, axis=1)))
-    attitudes = body_attitudes.integrated(body_attitudes.random_attitude(rng), body_attitudes.turns(rate))
+    attitudes = body_attitudes.integrate_steps(body_attitudes.random_attitude(rng), body_attitudes.turns(rate))
     world = FIELD_STRENGTH * body_attitudes.north_and_down(60.0) + iron
     sensor = Sensor(np.eye(3) + rng.normal(scale=0.05, size=(3, 3)), rng.normal(scale=12.0, size=3), noise)
     field = sensor.read(np.einsum("nji,nj->ni", attitudes, world), rng)
@@ -231,10 +231,10 @@ def walked_days(
 def true_parameters(truth: Simulated) -> Floats:
     """(9,) offset and the entries of F W⁻¹ that a perfect fit would find."""
     matrix, offset = truth.sensor.correction
-    return np.concatenate([offset, upper(truth.field_strength * np.linalg.inv(matrix))])
+    return np.concatenate([offset, upper_entries(truth.field_strength * np.linalg.inv(matrix))])
 
 
 def errors(found: Estimate, truth: Simulated) -> Floats:
     """(9,) of a fit's parameters."""
     wanted = true_parameters(truth)
-    return np.concatenate([found.ellipsoid.centre, upper(found.ellipsoid.shape)]) - wanted
+    return np.concatenate([found.ellipsoid.centre, upper_entries(found.ellipsoid.shape)]) - wanted

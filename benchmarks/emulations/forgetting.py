@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flinders.estimators.consistent import adjusted
+from flinders.estimators.consistent import fit_adjusted
 from flinders.estimators.data import Readings
 from flinders.summary.moments import Moments
 from flinders.summary.summary import Summary
@@ -51,4 +51,4 @@ def forgetting(samples: Samples, memory: float | None = None) -> Ellipsoid:
     """
     ages = np.arange(len(samples))[::-1]
     weights = np.exp(-ages / memory) if memory else np.ones(len(samples))
-    return adjusted(Readings(replace(Summary.empty(), moments=Moments.of(samples.field, weight=weights))))[0]
+    return fit_adjusted(Readings(replace(Summary.empty(), moments=Moments.of(samples.field, weight=weights))))[0]

@@ -84,7 +84,7 @@ class Rung:
 RUNGS: Final = (Rung(4, 40, 0.12), Rung(7, 100, 0.075), Rung(10, 150, 0.0))
 """From the lowest to the highest."""
 
-BINS, FULL = 12, 240
+BINS, BUFFER_SIZE = 12, 240
 """Bins of a ratio of two axes (there are 12 × 24), and readings that the buffer holds."""
 
 MESH_UT, MESH_SHARE = 5.0, 0.1
@@ -209,7 +209,7 @@ class _Buffer:
     def _put(self, reading: Floats, place: int) -> None:
         held = np.flatnonzero(self._stamps >= 0)
         is_free = self._stamps[place] < 0
-        if len(held) >= FULL:
+        if len(held) >= BUFFER_SIZE:
             if is_free:
                 self._stamps[held[np.argmin(self._stamps[held])]] = -1
         elif not is_free and self._is_far(reading, np.array([place])):

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from benchmarks.emulations.gyro_windows import sphere_about, steps_of
-from flinders.likelihood.equations import FINEST
+from flinders.likelihood.equations import MIN_NOISE
 from flinders.simulate import turns
 from flinders.summary.moments import Moments
 
@@ -62,7 +62,7 @@ def sar_kf(samples: Samples, noise: float | None = None, gyro_noise: float = GYR
     steps = steps_of(samples)
     moments = Moments.of(samples.field)
     origin, scale = moments.mean, moments.spread
-    sigma = max(noise_of(steps) if noise is None else noise, FINEST * scale) / scale
+    sigma = max(noise_of(steps) if noise is None else noise, MIN_NOISE * scale) / scale
     offset: Floats = np.zeros(3)
     covariance: Floats = np.eye(3)
     for one in steps:

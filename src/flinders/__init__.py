@@ -15,8 +15,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Final
 
 from flinders.core import plugins
-from flinders.core.above import ABOVE
-from flinders.core.lazy import attributes
+from flinders.core.above import UPPER_FUNCTIONS
+from flinders.core.lazy import lazy_getattr
 from flinders.core.version import VERSION
 
 if TYPE_CHECKING:
@@ -143,7 +143,7 @@ def _public_names() -> dict[str, str]:
 if not TYPE_CHECKING:
 
     def __getattr__(name: str) -> object:
-        return __dir__() if name == "__all__" else attributes(__name__, _public_names())(name)
+        return __dir__() if name == "__all__" else lazy_getattr(__name__, _public_names())(name)
 
 
 def _fit_html(fit: Fit) -> str:
@@ -173,4 +173,4 @@ def __dir__() -> list[str]:
     return sorted([*_public_names(), "__version__"])
 
 
-ABOVE.update(html=_fit_html, plot=_plot, correct_frame=_correct_frame)
+UPPER_FUNCTIONS.update(html=_fit_html, plot=_plot, correct_frame=_correct_frame)

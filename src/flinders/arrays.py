@@ -1,8 +1,8 @@
 """Checks of arrays from outside: float64 of a known shape, or an error that names the shape or the row.
 
->>> vectors([[1, 2, 3], [4, 5, 6]]).shape
+>>> check_vectors([[1, 2, 3], [4, 5, 6]]).shape
 (2, 3)
->>> vectors([[1, 2], [3, 4]])
+>>> check_vectors([[1, 2], [3, 4]])
 Traceback (most recent call last):
 flinders.errors.ArrayError: field has shape (2, 2): need (..., 3), one x, y, z triple a reading
 """
@@ -39,12 +39,12 @@ MAX_PYTHON_ENTRIES: Final = 9
 """Largest array, in entries, for which Python is faster than NumPy."""
 
 
-def floats(values: ArrayLike, name: str = "values") -> Floats:
+def to_floats(values: ArrayLike, name: str = "values") -> Floats:
     """Convert anything array-like to float64, without a copy if it is float64 already; masked values become NaN.
 
     Raises `ArrayError` for text, ragged lists, complex numbers, dates and objects.
 
-    >>> floats(["1.5", "2.5"], "field")
+    >>> to_floats(["1.5", "2.5"], "field")
     Traceback (most recent call last):
     flinders.errors.ArrayError: field holds text ('1.5'): need real numbers; convert it to float
     """
@@ -75,17 +75,17 @@ def _is_number(entry: object) -> bool:
     return isinstance(entry, float) or (isinstance(entry, int) and abs(entry) < 2**63)
 
 
-def vectors(values: ArrayLike, name: str = "field", *, finite: bool = True) -> Floats:
+def check_vectors(values: ArrayLike, name: str = "field", *, finite: bool = True) -> Floats:
     """Check an array of (..., 3) numbers, which must be finite unless `finite` is False.
 
     Raises `ArrayError` with the shape of the array, or the first row that is not finite.
     """
-    array = floats(values, name)
+    array = to_floats(values, name)
     if array.ndim == 0 or array.shape[-1] != 3:
         suggestion = _shape_suggestion(array, name)
         raise ArrayError(f"{name} has shape {array.shape}: need (..., 3), one x, y, z triple a reading{suggestion}")
     if finite:
-        refuse_gaps(array, name)
+        refuse_nonfinite(array, name)
     return array
 
 
@@ -98,12 +98,12 @@ def _shape_suggestion(array: Floats, name: str) -> str:
     return ""
 
 
-def table(values: ArrayLike, name: str = "field", *, finite: bool = True) -> Floats:
+def check_table(values: ArrayLike, name: str = "field", *, finite: bool = True) -> Floats:
     """Check an (N, 3) array; a single triple becomes one row.
 
-    Raises `ArrayError` as `vectors`, and for arrays of more than two dimensions.
+    Raises `ArrayError` as `check_vectors`, and for arrays of more than two dimensions.
     """
-    array = vectors(values, name, finite=finite)
+    array = check_vectors(values, name, finite=finite)
     if array.ndim == 1:
         return array[np.newaxis]
     if array.ndim != 2:
@@ -111,19 +111,19 @@ def table(values: ArrayLike, name: str = "field", *, finite: bool = True) -> Flo
     return array
 
 
-def triple(values: ArrayLike, name: str = "offset") -> Floats:
+def check_triple(values: ArrayLike, name: str = "offset") -> Floats:
     """Check three finite numbers.
 
     Raises `ArrayError` for another shape, or values that are not finite.
     """
-    array = floats(values, name)
+    array = to_floats(values, name)
     if array.shape != (3,):
         raise ArrayError(f"{name} has shape {array.shape}: need (3,)")
-    refuse_gaps(array, name)
+    refuse_nonfinite(array, name)
     return array
 
 
-def frozen(array: Floats) -> Floats:
+def read_only_copy(array: Floats) -> Floats:
     """Read-only float64 copy of an array."""
     copy = np.array(array, dtype=np.float64)
     copy.flags.writeable = False
@@ -158,40 +158,40 @@ class Value:
         return tuple(tuple(each.flat) if isinstance(each, np.ndarray) else each for each in self.__reduce__()[1])
 
 
-def column(values: ArrayLike, rows: int, name: str) -> Floats:
+def check_column(values: ArrayLike, rows: int, name: str) -> Floats:
     """Check an array of one value for each of `rows` rows.
 
     Raises `ArrayError` with the shape of the array.
     """
-    array = floats(values, name)
+    array = to_floats(values, name)
     if array.shape != (rows,):
         raise ArrayError(f"{name} has shape {array.shape}: need ({rows},), one value a reading")
     return array
 
 
-def matrix(values: ArrayLike, name: str = "matrix", size: int = 3) -> Floats:
+def check_matrix(values: ArrayLike, name: str = "matrix", size: int = 3) -> Floats:
     """Check a finite (size, size) array.
 
     Raises `ArrayError` with the shape, or the first row that is not finite.
     """
-    array = floats(values, name)
+    array = to_floats(values, name)
     if array.shape != (size, size):
         raise ArrayError(f"{name} has shape {array.shape}: need ({size}, {size})")
-    refuse_gaps(array, name)
+    refuse_nonfinite(array, name)
     return array
 
 
-def positive(value: ArrayLike | float | None, name: str) -> float:
+def check_positive(value: ArrayLike | float | None, name: str) -> float:
     """Check one positive finite number."""
     if isinstance(value, float) and 0.0 < value < math.inf:
         return float(value)
-    number = floats(0.0 if value is None else value, name)
+    number = to_floats(0.0 if value is None else value, name)
     if number.shape != () or not (np.isfinite(number) and number > 0):
         raise UsageError(f"{name} is {number}: need one positive number")
     return float(number)
 
 
-def refuse_gaps(array: Floats, name: str) -> None:
+def refuse_nonfinite(array: Floats, name: str) -> None:
     """Raise `ArrayError` naming the first row that is not finite."""
     if array.size <= MAX_PYTHON_ENTRIES and all(map(math.isfinite, array.ravel().tolist())):
         return
@@ -214,10 +214,10 @@ def four_digits(row: Floats) -> str:
     return "[" + ", ".join(f"{entry + 0.0:.4g}" for entry in row) + "]"
 
 
-def runs(is_in: ArrayLike) -> list[slice]:
+def true_runs(is_in: ArrayLike) -> list[slice]:
     """Slices of consecutive true values in (N,) booleans.
 
-    >>> runs([False, True, True, False, True])
+    >>> true_runs([False, True, True, False, True])
     [slice(1, 3, None), slice(4, 5, None)]
     """
     edges = np.flatnonzero(np.diff(np.concatenate([[0], np.asarray(is_in, dtype=int), [0]])))

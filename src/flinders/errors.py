@@ -59,7 +59,7 @@ each interface writes in its own form: Python as keywords, the command line as o
 >>> print(error)
 log.csv exists: give another name, or overwrite it (force=True)
 
-Messages of all modules write counts, numbers and fractions with `counted`, `figures` and `percent`.
+Messages of all modules write counts, numbers and fractions with `count_text`, `figures` and `percent`.
 `flinders.foreign_errors` converts exceptions of other packages to these errors.
 """
 
@@ -79,13 +79,13 @@ Hint: TypeAlias = Mapping[str, object]
 The value of a method's name is a mapping of its arguments."""
 
 Spelling: TypeAlias = "Callable[[Hint], str]"
-"""Function that writes a hint in the form of an interface, such as `in_python`."""
+"""Function that writes a hint in the form of an interface, such as `python_arguments`."""
 
 
-def counted(number: float, noun: str) -> str:
+def count_text(number: float, noun: str) -> str:
     """Write a count with its noun.
 
-    >>> counted(1, "reading"), counted(24483, "usable reading")
+    >>> count_text(1, "reading"), count_text(24483, "usable reading")
     ('1 reading', '24,483 usable readings')
     """
     return f"{number:,.0f} {noun}{'s' * (round(number) != 1)}"
@@ -127,10 +127,10 @@ def percent(count: float, total: float) -> str:
     return "< 0.1%" if written == "0.0%" and count else written
 
 
-def in_python(hint: Hint) -> str:
+def python_arguments(hint: Hint) -> str:
     """Write a hint as arguments of Python.
 
-    >>> in_python({"force": True, "columns": "4,5,6", "unit": None, "at": {"current": 0.0}})
+    >>> python_arguments({"force": True, "columns": "4,5,6", "unit": None, "at": {"current": 0.0}})
     "force=True, columns='4,5,6', unit=, at(current=0.0)"
     """
     return ", ".join(_argument(keyword, value) for keyword, value in hint.items())
@@ -138,14 +138,14 @@ def in_python(hint: Hint) -> str:
 
 def _argument(keyword: str, value: object) -> str:
     if isinstance(value, Mapping):
-        return f"{keyword}({in_python(value)})"
+        return f"{keyword}({python_arguments(value)})"
     return f"{keyword}={'' if value is None else repr(value)}"
 
 
-def with_hint(sentence: str, spelled: str) -> str:
+def append_hint(sentence: str, spelled: str) -> str:
     """Append a written hint, if any, to a sentence.
 
-    >>> with_hint("name the unit", "--unit, --scale"), with_hint("name the unit", "")
+    >>> append_hint("name the unit", "--unit, --scale"), append_hint("name the unit", "")
     ('name the unit (--unit, --scale)', 'name the unit')
     """
     return f"{sentence} ({spelled})" if spelled else sentence
@@ -167,7 +167,7 @@ class FlindersError(Exception):
 
     def __str__(self) -> str:
         """The message, with the hint as Python spells it."""
-        return with_hint(self.message, in_python(self.hint))
+        return append_hint(self.message, python_arguments(self.hint))
 
 
 class UsageError(FlindersError):
@@ -282,7 +282,7 @@ class TooFewSamples(FitError):
         how: str = "through all directions",
     ) -> None:
         self.found, self.needed, self.method, self.among, self.how = found, needed, method, among, how
-        different, usable = (counted(found, f"{kind} reading") for kind in ("different", "usable"))
+        different, usable = (count_text(found, f"{kind} reading") for kind in ("different", "usable"))
         readings = f"{different} among {among:,}" if among else usable
         self.skipped = tuple(map(str, skipped))
         besides = f" besides {' and '.join(self.skipped)}" if self.skipped else ""
@@ -331,12 +331,12 @@ class Unmoved(FitError):
     """
 
     code = "unmoved"
-    SAID: ClassVar[str] = "all readings lie within {angle}° of one direction: turn the sensor {how}"
-    EVERY_WAY: ClassVar[str] = "through all directions"
+    MESSAGE: ClassVar[str] = "all readings lie within {angle}° of one direction: turn the sensor {how}"
+    ALL_DIRECTIONS: ClassVar[str] = "through all directions"
 
-    def __init__(self, angle_deg: float, how: str = EVERY_WAY) -> None:
+    def __init__(self, angle_deg: float, how: str = ALL_DIRECTIONS) -> None:
         self.angle_deg = angle_deg
-        super().__init__(self.SAID.format(angle=_round_up(angle_deg), how=how), angle_deg=angle_deg)
+        super().__init__(self.MESSAGE.format(angle=_round_up(angle_deg), how=how), angle_deg=angle_deg)
 
 
 class NotTurned(FitError):
@@ -506,10 +506,10 @@ class NotConfirmed(OutputError):
     code = "not-confirmed"
 
 
-def fault_words(error: Exception) -> str:
+def bug_message(error: Exception) -> str:
     """Message about a bug in Flinders after which the program continues.
 
-    >>> fault_words(KeyError("mag"))
+    >>> bug_message(KeyError("mag"))
     "internal error (KeyError: 'mag'): a fault in Flinders; please report it with the recording"
     """
     return f"internal error ({type(error).__name__}: {error}): a fault in Flinders; please report it with the recording"

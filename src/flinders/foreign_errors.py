@@ -1,8 +1,8 @@
 """Conversion of exceptions of other packages to errors of Flinders: a missing package, a file that cannot be parsed.
 
->>> needs("json", "hdf5", "an HDF5 file").loads("[1, 2]")
+>>> import_optional("json", "hdf5", "an HDF5 file").loads("[1, 2]")
 [1, 2]
->>> needs("no_package", "hdf5", "an HDF5 file")
+>>> import_optional("no_package", "hdf5", "an HDF5 file")
 Traceback (most recent call last):
 flinders.errors.MissingExtra: an HDF5 file needs no_package, which is not installed: pip install 'flinders[hdf5]' ...
 """
@@ -24,7 +24,7 @@ MAX_MESSAGE_LENGTH: Final = 120
 """Longest part of another package's message that is shown, in characters."""
 
 
-def needs(package: str, extra: str, what: str) -> Any:  # noqa: ANN401 - a module, and few of these have types
+def import_optional(package: str, extra: str, what: str) -> Any:  # noqa: ANN401 - a module, and few of these have types
     """Import an optional package such as ``h5py``; `what` is its use, with an article: ``an HDF5 file``.
 
     Raises `MissingExtra`, with the command that installs the `extra`, if the package is not installed.
@@ -61,13 +61,13 @@ def _is_bug(error: Exception) -> bool:
 
 
 @contextmanager
-def reading(name: str, kind: str, *, advice: str = "copy it again") -> Iterator[None]:
+def parser_errors(name: str, kind: str, *, advice: str = "copy it again") -> Iterator[None]:
     """Convert any exception of a parser in this context to an `UnreadableInput` of one line.
 
     `kind` is the expected kind of file, with an article; `advice` is the remedy for a broken file. Errors and bugs of
     Flinders itself pass through.
 
-    >>> with reading("log.parquet", "a Parquet table"):
+    >>> with parser_errors("log.parquet", "a Parquet table"):
     ...     {}["mag_x"]
     Traceback (most recent call last):
     flinders.errors.UnreadableInput: log.parquet cannot be read as a Parquet table (KeyError: 'mag_x'): it is broken or

@@ -15,9 +15,9 @@ from tests.worlds import SWAPS
 from flinders.core.samples import Samples
 from flinders.errors import FitError
 from flinders.fitting import batch, calibrate
-from flinders.fitting.batch import UPPER, fit_batch
+from flinders.fitting.batch import UPPER_ENTRIES, fit_batch
 from flinders.fitting.result import Refused
-from flinders.geometry.ellipsoid import symmetric
+from flinders.geometry.ellipsoid import symmetric_matrix
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -48,7 +48,7 @@ def walks(rng: np.random.Generator, units: int, many: int, pace: float = 0.15) -
 def measured(rng: np.random.Generator, directions: Floats, *, noise: float = 0.4, offset: float = 40.0) -> Floats:
     units = len(directions)
     entries = np.array([1.0, 1, 1, 0, 0, 0]) + rng.normal(scale=0.08, size=(units, 6))
-    shape = 50.0 * np.stack([symmetric(each) for each in entries])
+    shape = 50.0 * np.stack([symmetric_matrix(each) for each in entries])
     centre = offset * rng.uniform(-1.0, 1.0, size=(units, 1, 3))
     return directions @ shape + centre + noise * rng.normal(size=directions.shape)
 
@@ -161,7 +161,7 @@ def assert_alike(found: BatchColumns, place: int, fit: Fit) -> None:
     radius = calibration.field_strength
     assert np.abs(found.offset[place] - calibration.offset).max() < AGREED * radius
     for name, expected in (
-        ("matrix", calibration.matrix.ravel()), ("covariance", fit.claim.covariance.ravel()[UPPER]),
+        ("matrix", calibration.matrix.ravel()), ("covariance", fit.claim.covariance.ravel()[UPPER_ENTRIES]),
         ("noise", fit.evidence.noise),
         ("field_strength", radius), ("coverage", fit.evidence.coverage.fraction),
         ("worst_deg", fit.heading_error_deg.worst), ("rms_deg", fit.heading_error_deg.rms),
@@ -180,7 +180,7 @@ def test_a_batch_gives_what_each_gives_alone(
     units, share = KINDS[kind]
     rng = np.random.default_rng(7)
     samples = [Samples.of(field, unit="uT") for field in kind(rng, units)]
-    monkeypatch.setattr(batch, "_alone", lambda *_, **__: ValueError("does not tell all"))
+    monkeypatch.setattr(batch, "_fit_one", lambda *_, **__: ValueError("does not tell all"))
     found = fit_batch(samples, target_deg=5.0)
     by_record = np.flatnonzero(found.by_record)
     assert len(by_record) >= share * units

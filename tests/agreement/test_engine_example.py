@@ -31,7 +31,7 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder, library = tmp_path_factory.mktemp("engine"), build.library()
     (source,) = re.findall(r"^```c\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
     (folder / "calibrate.c").write_text(source, encoding="utf-8")
-    flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", f"-I{build.HERE}", f"-Wl,-rpath,{library.parent}"]
+    flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", f"-I{build.SOURCE_FOLDER}", f"-Wl,-rpath,{library.parent}"]
     command = [*build.compiler(), *flags, "calibrate.c", str(library), "-lm", "-o", "calibrate"]
     subprocess.run(command, cwd=folder, check=True)
     return folder / "calibrate"

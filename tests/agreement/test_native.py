@@ -27,7 +27,7 @@ from flinders.estimators.consistent import Consistent
 from flinders.estimators.data import Readings
 from flinders.estimators.likelihood import Likelihood
 from flinders.findings import c_tables
-from flinders.findings.catalogue import OF_A_FIT
+from flinders.findings.catalogue import ENGINE_FINDINGS
 from flinders.fitting.record import record_of_ellipsoid
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.heading.error_propagation import direction_error_deg, level_error
@@ -107,7 +107,7 @@ def test_heading_errors_follow_from_the_covariance(world: str) -> None:
     record = engine().fit(WORLDS[world], robust=0, dip_deg=-65.0)
     covariance = record["covariance"].reshape(9, 9)
     cloud = Summary.of(WORLDS[world]).cloud
-    facing, is_open = engine().facing(Coverage.through(cloud, surface(record)).counts, -65.0)
+    facing, is_open = engine().signed_dip(Coverage.of_cloud(cloud, surface(record)).counts, -65.0)
     dips = (-65.0, 65.0) if is_open else (facing,)
     levels = [level_error(surface(record), covariance, dip_deg=dip) for dip in dips]
     level = max(levels, key=lambda error: error.worst)
@@ -238,7 +238,7 @@ def test_sums_add_and_merge_and_solve() -> None:
 def test_coverage_is_that_of_the_cloud(world: str) -> None:
     field = WORLDS[world]
     record = engine().fit(field, robust=0)
-    expected = Coverage.through(Summary.of(field).cloud, surface(record))
+    expected = Coverage.of_cloud(Summary.of(field).cloud, surface(record))
     npt.assert_allclose(record["coverage"], expected.fraction, atol=0.011)  # a mean may stand on an edge
     npt.assert_allclose(record["hole_deg"], expected.hole_deg, rtol=1e-6)
 
@@ -356,7 +356,7 @@ def test_every_status_has_words() -> None:
 
 
 def test_the_example_of_the_header_runs(tmp_path: Path) -> None:
-    text = (build.HERE / "flinders.h").read_text(encoding="utf-8")
+    text = (build.SOURCE_FOLDER / "flinders.h").read_text(encoding="utf-8")
     example = textwrap.indent("\n".join(re.findall(r"^ \*     (.*)$", text, flags=re.MULTILINE)), "    ")
     points = ",".join(f"{value:.17g}" for value in tumble(50).ravel())
     (tmp_path / "main.c").write_text(
@@ -367,7 +367,7 @@ def test_the_example_of_the_header_runs(tmp_path: Path) -> None:
     )
     library = build.library()
     program = tmp_path / "main"
-    flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", f"-I{build.HERE}", f"-Wl,-rpath,{library.parent}"]
+    flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", f"-I{build.SOURCE_FOLDER}", f"-Wl,-rpath,{library.parent}"]
     subprocess.run(
         [*build.compiler(), *flags, "main.c", str(library), "-lm", "-o", str(program)], cwd=tmp_path, check=True
     )
@@ -376,7 +376,7 @@ def test_the_example_of_the_header_runs(tmp_path: Path) -> None:
     assert told[0] == "offset {:.1f} {:.1f} {:.1f}".format(*record["centre"])
     judgement = Engine().judge(record, Engine().request())
     assert told[1] == f"{judgement['worst_deg']:.2f} degrees, verdict {judgement['verdict']}"
-    assert len(told) - 2 == int((judgement["order"] < len(OF_A_FIT)).sum()) > 0
+    assert len(told) - 2 == int((judgement["order"] < len(ENGINE_FINDINGS)).sum()) > 0
 
 
 def test_what_a_record_does_not_know_makes_no_finding_and_no_widening() -> None:
@@ -385,7 +385,7 @@ def test_what_a_record_does_not_know_makes_no_finding_and_no_widening() -> None:
     record["covariance"] = 1e-4 * np.eye(9).ravel()
     judgement = engine().judge(record, engine().request(shrinks=0))
     npt.assert_array_equal(record["covariance"], 1e-4 * np.eye(9).ravel())
-    found = {OF_A_FIT[place] for place in np.flatnonzero(judgement["severities"])}
+    found = {ENGINE_FINDINGS[place] for place in np.flatnonzero(judgement["severities"])}
     assert found <= {"rotation-unknown", "scale-unknown"}
     assert 0.0 < judgement["worst_deg"] < 0.1
 
@@ -393,7 +393,7 @@ def test_what_a_record_does_not_know_makes_no_finding_and_no_widening() -> None:
 def test_the_tables_of_c_are_made_from_the_catalogue() -> None:
     """``python -m flinders.findings.c_tables`` writes them anew."""
     made = {"flinders_rules.h": c_tables.header(), "rules.c": c_tables.source()}
-    assert {name: (build.HERE / name).read_text(encoding="utf-8") for name in made} == made
+    assert {name: (build.SOURCE_FOLDER / name).read_text(encoding="utf-8") for name in made} == made
 
 
 @pytest.mark.parametrize("is_level", [False, True])

@@ -10,7 +10,7 @@ import pytest
 from tests.worlds import judged, level_turn
 
 from flinders.estimators import Level, Readings, Robust
-from flinders.geometry.ellipsoid import Ellipsoid, symmetric
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric_matrix
 from flinders.likelihood import magnitude
 from flinders.native import build
 from flinders.native.engine import engine
@@ -66,8 +66,8 @@ def test_the_ellipse_is_that_of_the_readings_at_every_dip() -> None:
     flat = engine().fit_level(field, dip_deg=0.0)
     for dip_deg in DIPS:
         record, dip = engine().fit_level(field, dip_deg=dip_deg), np.radians(dip_deg)
-        shape = symmetric(record["shape"])
-        npt.assert_allclose(np.cos(dip) * shape, symmetric(flat["shape"]), rtol=1e-9, atol=1e-9)
+        shape = symmetric_matrix(record["shape"])
+        npt.assert_allclose(np.cos(dip) * shape, symmetric_matrix(flat["shape"]), rtol=1e-9, atol=1e-9)
         npt.assert_allclose(record["centre"] + np.sin(dip) * shape[:, 2], flat["centre"], rtol=1e-9, atol=1e-9)
         npt.assert_allclose(record["level_worst_deg"], flat["level_worst_deg"], rtol=1e-6)
         assert record["covariance"].reshape(9, 9)[2, 2] >= record["radius"] ** 2
@@ -80,7 +80,7 @@ def test_no_neighbour_of_an_ellipse_is_closer_to_its_readings() -> None:
     flat = np.column_stack([field[:, :2], np.full(len(field), record["centre"][2])])
 
     def cost(offset: Floats, scale: Floats) -> float:
-        shape = symmetric(record["shape"]) * np.outer(scale, scale)
+        shape = symmetric_matrix(record["shape"]) * np.outer(scale, scale)
         surface = Ellipsoid(record["centre"] + offset, shape)
         return float(np.sum(magnitude.distances(flat, surface) ** 2))
 

@@ -68,8 +68,8 @@ def harness(folder: Path, *options: str) -> Path:
             pytest.fail(message)
         pytest.skip(message)
     engine = build.library(folder, options=flags)
-    files = [f"-I{build.HERE}", str(HARNESS), str(engine), f"-Wl,-rpath,{folder}", "-lm"]
-    done = ran(*build.compiler(), *build.STRICT, *flags, *files, "-o", str(program))
+    files = [f"-I{build.SOURCE_FOLDER}", str(HARNESS), str(engine), f"-Wl,-rpath,{folder}", "-lm"]
+    done = ran(*build.compiler(), *build.STRICT_OPTIONS, *flags, *files, "-o", str(program))
     assert done.returncode == 0, done.stderr
     return program
 

@@ -13,12 +13,12 @@ from tests.worlds import TUMBLED_SENSOR
 import flinders
 from flinders import simulate
 from flinders.comparison.comparison import compare
-from flinders.fitting.refreshing import earlier_of
-from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
+from flinders.fitting.refreshing import earlier_record
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric_matrix, upper_entries
 from flinders.likelihood import magnitude
 from flinders.native.engine import engine
-from flinders.native.layouts import constant
-from flinders.summary.pooling import chance_of
+from flinders.native.layouts import enum_value
+from flinders.summary.pooling import p_value_of
 
 MOVED = np.array([8.0, -5.0, 3.0])
 TUMBLE = simulate.tumble(seed=3, sensor=TUMBLED_SENSOR)
@@ -33,8 +33,10 @@ def wobble(seed: int = 4, motion: str = "wobble", n: int = 500, moved: float = 1
 
 def test_a_shape_is_known_as_well_as_it_is_claimed() -> None:
     ellipsoid, covariance = EARLIER.calibration.ellipsoid, EARLIER.claim.covariance
-    earlier = engine().earlier(ellipsoid.centre, ellipsoid.shape, covariance, strength_ratio=0.8, soft_iron_sigma=0.005)
-    entries, radius = 0.8 * upper(ellipsoid.shape), ellipsoid.radius
+    earlier = engine().make_earlier(
+        ellipsoid.centre, ellipsoid.shape, covariance, strength_ratio=0.8, soft_iron_sigma=0.005
+    )
+    entries, radius = 0.8 * upper_entries(ellipsoid.shape), ellipsoid.radius
     expected = 0.64 * (EARLIER.claim.covariance[3:, 3:] + np.square(1e-4 * radius) * np.eye(6))
     expected += np.square(0.01) * np.outer(entries, entries)
     expected += np.square(0.005 * 0.8 * radius) * np.diag([1.0, 1.0, 1.0, 0.5, 0.5, 0.5])
@@ -45,7 +47,7 @@ def test_a_shape_is_known_as_well_as_it_is_claimed() -> None:
 
 @pytest.mark.parametrize("motion", ["wobble", "level"])
 def test_a_fit_with_a_known_shape_is_at_the_maximum_of_the_posterior(motion: str) -> None:
-    samples, earlier = wobble(motion=motion).samples, earlier_of(EARLIER)
+    samples, earlier = wobble(motion=motion).samples, earlier_record(EARLIER)
     record = engine().refresh(samples.field, earlier, robust=0, bias_correction=0)
     information = np.linalg.inv(earlier["covariance"].reshape(9, 9)[3:, 3:])
 
@@ -62,13 +64,13 @@ def test_a_fit_with_a_known_shape_is_at_the_maximum_of_the_posterior(motion: str
 
 def test_what_is_known_of_all_nine_parameters_counts() -> None:
     samples, whole = wobble().samples, flinders.fit(wobble(seed=5, motion="hand", n=3000).samples).claim
-    expected = np.concatenate([whole.ellipsoid.centre, upper(whole.ellipsoid.shape)])
+    expected = np.concatenate([whole.ellipsoid.centre, upper_entries(whole.ellipsoid.shape)])
     known: dict[str, Any] = {
         "is_informed": 1,
         "expected": expected,
         "information": np.linalg.inv(whole.covariance).ravel(),
     }
-    both, alone = engine().fit(samples.field, **known), engine().refresh(samples.field, earlier_of(EARLIER))
+    both, alone = engine().fit(samples.field, **known), engine().refresh(samples.field, earlier_record(EARLIER))
     sigma = np.sqrt(np.diag(whole.covariance))
     assert np.all(np.abs(both["centre"] - expected[:3]) < 3.0 * sigma[:3])
     assert np.all(np.sqrt(both["covariance"][::10]) < 1.2 * sigma)
@@ -76,7 +78,7 @@ def test_what_is_known_of_all_nine_parameters_counts() -> None:
 
 
 def test_the_chance_of_a_contradiction_is_that_of_the_formula() -> None:
-    earlier = earlier_of(EARLIER)
+    earlier = earlier_record(EARLIER)
     freer = engine().allow_change(earlier)
     known, prior = (each["covariance"].reshape(9, 9)[3:, 3:] for each in (earlier, freer))
     rng = np.random.default_rng(1)
@@ -93,34 +95,37 @@ def test_the_chance_of_a_contradiction_is_that_of_the_formula() -> None:
         onto = directions[:, shares > 0.1].T @ finer
         moved = onto @ (shape - earlier["parameters"][3:])
         square = float(moved @ np.linalg.solve(onto @ spread @ onto.T, moved))
-        chance = engine().soft_iron_p_value(earlier, symmetric(shape), textbook, covariance)
-        assert chance == pytest.approx(chance_of(square, len(onto)), rel=1e-6)
-    assert engine().soft_iron_p_value(earlier, symmetric(shape), np.pad(prior, (3, 0)), np.pad(prior, (3, 0))) == 1.0
+        chance = engine().soft_iron_p_value(earlier, symmetric_matrix(shape), textbook, covariance)
+        assert chance == pytest.approx(p_value_of(square, len(onto)), rel=1e-6)
+    assert (
+        engine().soft_iron_p_value(earlier, symmetric_matrix(shape), np.pad(prior, (3, 0)), np.pad(prior, (3, 0)))
+        == 1.0
+    )
 
 
 @pytest.mark.parametrize("moved", [0.0, 1.0, 10.0, -25.0])
 def test_a_refresh_finds_the_offset_however_far_it_was_moved(moved: float) -> None:
     made = wobble(moved=moved)
-    record = engine().refresh(made.samples.field, earlier_of(EARLIER))
+    record = engine().refresh(made.samples.field, earlier_record(EARLIER))
     sigma = np.sqrt(record["covariance"].reshape(9, 9).diagonal()[:3])
     assert np.all(np.abs(record["centre"] - made.sensor.offset) < 4.0 * sigma)
     assert record["soft_iron_p_value"] > 0.001
-    assert record["sources"] == constant("REFRESHED")
+    assert record["sources"] == enum_value("REFRESHED")
 
 
 def test_outliers_do_not_bend_a_refresh() -> None:
     made = simulate.tumble(seed=4, motion="wobble", n=500, sensor=TUMBLED_SENSOR, outliers=0.04)
-    record = engine().refresh(made.samples.field, earlier_of(EARLIER))
+    record = engine().refresh(made.samples.field, earlier_record(EARLIER))
     sigma = np.sqrt(record["covariance"].reshape(9, 9).diagonal()[:3])
     assert record["rejected"] > 10
     assert np.all(np.abs(record["centre"] - made.sensor.offset) < 4.0 * sigma)
 
 
 def test_too_few_readings_and_readings_at_rest_are_refused() -> None:
-    earlier, samples = earlier_of(EARLIER), wobble().samples
-    assert engine().refresh(samples.field[:19], earlier)["status"] == constant("TOO_FEW")
+    earlier, samples = earlier_record(EARLIER), wobble().samples
+    assert engine().refresh(samples.field[:19], earlier)["status"] == enum_value("TOO_FEW")
     still = samples.field[0] + 0.1 * np.random.default_rng(1).normal(size=(100, 3))
-    assert engine().refresh(still, earlier)["status"] == constant("UNMOVED")
+    assert engine().refresh(still, earlier)["status"] == enum_value("UNMOVED")
     assert 0.1 < engine().turn_deg(still, EARLIER.calibration.ellipsoid.shape) < 1.0
 
 

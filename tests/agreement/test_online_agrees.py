@@ -24,7 +24,7 @@ STEP = np.array([3.0, -4.0, 2.0])
 def lived(*, disturbed: bool = False) -> Records:
     """A record of some hours, of which evidence is left; or of one that something contradicts."""
     time, field, begins, _ = walked_days(1, days=0.4, walk=0.3)
-    record, row = engine().online(), 0
+    record, row = engine().make_online(), 0
     engine().online_expect_walk(record, 0.2, 0.5)
     last = len(time)
     if disturbed:
@@ -111,9 +111,9 @@ def test_what_is_claimed_at_a_time_follows_from_the_record(*, disturbed: bool) -
 
 @pytest.mark.parametrize(("walk", "log_sigma"), [(0.01, 0.1), (0.2, 0.7), (5.0, 0.3)])
 def test_a_walk_that_is_known_makes_rates_probable(walk: float, log_sigma: float) -> None:
-    record = engine().online()
+    record = engine().make_online()
     engine().online_expect_walk(record, walk, log_sigma)
-    engine().online_know(record, [1, 2, 3, 49, 50, 51, 0, 0, 0], np.eye(9), noise=0.3, time=0.0)
+    engine().online_activate(record, [1, 2, 3, 49, 50, 51, 0, 0, 0], np.eye(9), noise=0.3, time=0.0)
     close(record["probable_rates"], oracle.expected_rates(50.0, walk, log_sigma))
     npt.assert_array_equal(record["rates"], record["probable_rates"])
     for wrong in ((0.0, 1.0), (1.0, 0.0), (np.nan, 1.0), (np.inf, 1.0)):

@@ -14,8 +14,8 @@ import pytest
 from benchmarks import terms_recordings as real
 from tests.trials import daily
 
-from flinders.estimators.aiding import solve
-from flinders.fitting.aid_selection import aided_by
+from flinders.estimators.aiding import fit_aided
+from flinders.fitting.aid_selection import fit_with_aids
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -70,7 +70,7 @@ def test_two_sessions_of_one_gyro_find_the_same_scales(recordings: Callable[[str
     scales = []
     for name in ("CalCareful_2282320.csv", "calTest1_222_240_-8.csv"):
         samples = real.read(f"pichim_betaflight/{name}")[:2200]
-        scales.append(solve(samples, ("rate",)).parameters.gyro_scale[:2])
+        scales.append(fit_aided(samples, ("rate",)).parameters.gyro_scale[:2])
     for each in scales:
         assert np.abs(each - [-0.032, 0.012]).max() < 0.008
 
@@ -80,7 +80,7 @@ def test_a_gyro_whose_scales_are_held_leaves_three_times_as_much(recordings: Cal
     """CalCareful: 3.1 % of the field instead of 0.8 %; its first half here."""
     assert recordings("pichim_betaflight/CalCareful_2282320.csv").exists()
     samples = real.read("pichim_betaflight/CalCareful_2282320.csv")[:2200]
-    found, held = (solve(samples, ("rate",), gyro_scale=scale) for scale in (0.02, 0.0))
+    found, held = (fit_aided(samples, ("rate",), gyro_scale=scale) for scale in (0.02, 0.0))
     assert found.noise < 0.6 * held.noise
 
 
@@ -93,7 +93,7 @@ def test_auto_keeps_the_rotation_of_a_tumble_with_an_accelerometer(
     """0.9° of the first are no bias of its accelerometer, which is found with the rest."""
     assert recordings(name).exists()
     samples = real.read(name)
-    found, aiding = aided_by(samples[:: 1 + len(samples) // 4000], "auto")
+    found, aiding = fit_with_aids(samples[:: 1 + len(samples) // 4000], "auto")
     assert found.aiding == ()
     assert [aid.is_used for aid in aiding.sensors] == [True]
     assert aiding.rotation is not None
@@ -108,7 +108,7 @@ def test_scripted_turns_are_a_quarter_apart(recordings: Callable[[str], Path]) -
     sphere = real.read(real.SPHERE)
     quarters = []
     for terms in ((), ("dip",)):
-        found = solve(sphere, terms)
+        found = fit_aided(sphere, terms)
         headings = real.scripted_deg(found.parameters.offset, found.matrix)
         quarters.append(headings[2][0] - headings[0][0])
     assert abs(quarters[0] - 98.1) < 3.0

@@ -19,7 +19,7 @@ from flinders import Fit, simulate
 from flinders.core.calibration import Calibration
 from flinders.fitting.result import bare_fit
 from flinders.geometry.plane import heading_errors
-from flinders.geometry.quaternions import inverse, of_angles, of_matrix, product
+from flinders.geometry.quaternions import from_angles, from_matrix, inverse, product
 from flinders.heading.error_propagation import level_turn
 
 if TYPE_CHECKING:
@@ -28,15 +28,15 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
 
-MOUNTING: Final = of_angles([0.3, -1.1, 2.0])
-ROOM: Final = of_angles([-1.4, 0.2, 0.7])
+MOUNTING: Final = from_angles([0.3, -1.1, 2.0])
+ROOM: Final = from_angles([-1.4, 0.2, 0.7])
 RECORDING: Final = simulate.tumble(seed=4, n=900, rate_hz=100.0, noise=0.2)
 
 
 def truth_of(recording: simulate.Simulated) -> Floats:
     """(N, 4) attitudes of a body that carries the sensor and markers, in a room turned against the vertical."""
     assert recording.attitudes is not None
-    return product(ROOM, product(of_matrix(recording.attitudes), MOUNTING))
+    return product(ROOM, product(from_matrix(recording.attitudes), MOUNTING))
 
 
 TRUTH: Final = truth_of(RECORDING)

@@ -116,11 +116,11 @@ def found(kind: str = "dip") -> Fit:
 def readings(fitted: Fit, count: int = 100) -> Floats:
     """(N, 6) raw readings in µT and an accelerometer's, of which one in four is disturbed by 8 µT."""
     rng = np.random.default_rng(3)
-    up = simulate.uniform(rng, count)
-    across = np.cross(up, simulate.uniform(rng, count))
+    up = simulate.uniform_directions(rng, count)
+    across = np.cross(up, simulate.uniform_directions(rng, count))
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     field = fitted.calibration.field_strength * (0.5 * across - math.sqrt(0.75) * up)
-    field[::4] += 8.0 * simulate.uniform(rng, len(field[::4]))
+    field[::4] += 8.0 * simulate.uniform_directions(rng, len(field[::4]))
     table: Floats = np.hstack([fitted.calibration.unapply(field), 9.81 * up])
     return table
 

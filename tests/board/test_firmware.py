@@ -28,7 +28,7 @@ from flinders.apps.board import package
 from flinders.cli import main
 from flinders.errors import OutputError, OutputExists
 from flinders.estimators import Likelihood, Readings
-from flinders.findings.catalogue import OF_A_FIT, QUANTITIES
+from flinders.findings.catalogue import ENGINE_FINDINGS, QUANTITIES
 from flinders.heading.guidance import guide
 from flinders.links import motioncal
 from flinders.native.build import system_compiler
@@ -179,7 +179,11 @@ def test_each_pose_is_one_reading_of_a_board_however_often_it_is_fitted(folder: 
     (folder / "poses.c").write_text(POSES)
     command = [*(system_compiler() or ()), "-I", str(source), str(folder / "poses.c"), str(archive), "-lm"]
     subprocess.run([*command, "-o", str(folder / "poses")], check=True)
-    held = np.repeat(50.0 * simulate.uniform(rng, 30), 50, axis=0) + 20.0 + rng.normal(scale=0.3, size=(1500, 3))
+    held = (
+        np.repeat(50.0 * simulate.uniform_directions(rng, 30), 50, axis=0)
+        + 20.0
+        + rng.normal(scale=0.3, size=(1500, 3))
+    )
     text = "\n".join(" ".join(map(str, row)) for row in held.tolist())
     done = subprocess.run([str(folder / "poses")], input=text, capture_output=True, text=True, check=True)
     count, status, worst = np.array([line.split() for line in done.stdout.splitlines()], dtype=float).T
@@ -214,14 +218,14 @@ def test_rules_of_the_board_are_those_of_the_library(folder: Path, archive: Path
     text = "\n".join(" ".join(f"{number:.9g}" for number in row) for row in numbers)
     done = subprocess.run([str(folder / "checked")], input=text, capture_output=True, text=True, check=True)
     found = np.array([line.split() for line in done.stdout.splitlines()], dtype=int)
-    expected = [[engine().severity(rule, row) for rule in range(len(OF_A_FIT))] for row in numbers.astype(float)]
+    expected = [[engine().severity(rule, row) for rule in range(len(ENGINE_FINDINGS))] for row in numbers.astype(float)]
     npt.assert_array_equal(found, expected)
     assert set(found.ravel()) == {0, 1, 2, 3}
 
 
 def test_what_a_board_cannot_know_is_not_checked(single: Path) -> None:
     answer = firmware.run(firmware.HOST, single, simulate.tumble(seed=1).samples.field)["answer"]
-    checked = {code for code, is_checked in zip(OF_A_FIT, answer["is_checked"], strict=True) if is_checked}
+    checked = {code for code, is_checked in zip(ENGINE_FINDINGS, answer["is_checked"], strict=True) if is_checked}
     assert {"heading-error", "coverage", "noise", "outliers", "few-samples", "axis-ratio"} <= checked
     assert not {"field-changed", "axis-swap", "time-gap", "saturated", "at-rest", "skipped-rows"} & checked
 

@@ -15,7 +15,7 @@ from tests.trials import nightly
 from flinders.apps.marine.certificate import certificate
 from flinders.report.formatting import degrees
 from flinders.report.html import page as report
-from flinders.report.pdf import BROWSERS, printed
+from flinders.report.pdf import BROWSERS, print_pdf
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -168,7 +168,7 @@ def test_a_browser_prints_it_to_a4(folder: Path) -> None:
     program = next(filter(None, map(shutil.which, BROWSERS)), None)
     if program is None:
         pytest.skip("no browser to print with")
-    made = printed((folder / "limited.html").read_text(encoding="utf-8"), program)
+    made = print_pdf((folder / "limited.html").read_text(encoding="utf-8"), program)
     assert made.startswith(b"%PDF")
     boxes = re.findall(rb"/MediaBox\s*\[\s*0 0 ([\d.]+) ([\d.]+)\s*\]", made)
     assert boxes
@@ -181,5 +181,5 @@ def test_a_certificate_is_one_sheet() -> None:
     if program is None:
         pytest.skip("no browser to print with")
     for name, step_deg in (("within", 30.0), ("open", 15.0), ("beyond", 15.0)):
-        made = printed(certificate(replace(account(name), step_deg=step_deg)), program)
+        made = print_pdf(certificate(replace(account(name), step_deg=step_deg)), program)
         assert len(re.findall(rb"/MediaBox", made)) == 1, name

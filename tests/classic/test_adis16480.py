@@ -110,7 +110,7 @@ def test_what_the_device_puts_out_is_the_calibration_to_the_quantisation_limit(s
     sensor = simulate.Sensor.random(np.random.default_rng(seed))
     given = Calibration.from_ellipsoid(sensor.offset, sensor.matrix @ sensor.matrix.T * 45, raw=MICROTESLA)
     registers = Registers.of(given)
-    raw = given.unapply(given.field_strength * simulate.uniform(np.random.default_rng(seed), 500))
+    raw = given.unapply(given.field_strength * simulate.uniform_directions(np.random.default_rng(seed), 500))
     limit = 0.5 * HARD_IRON_STEP_MG + 0.5 * SOFT_IRON_STEP * np.abs(10 * raw).sum(axis=1, keepdims=True)
     out = device(registers, 10 * raw)
     assert np.all(np.abs(out - 10 * given.apply(raw)) <= limit + 1e-9)
@@ -144,7 +144,7 @@ def test_registers_act_in_the_axes_of_the_device_whatever_the_mapping(axes: str)
     """Corrected by the device and then mapped is mapped and then corrected by the calibration."""
     mapping = Axes.of(axes)
     given = calibration([[1.1, 0.05, 0.02], [0.05, 0.9, 0], [0.02, 0, 1.02]], [12, -30, 7], axes=mapping)
-    recorded = 40 * simulate.uniform(np.random.default_rng(1), 100)
+    recorded = 40 * simulate.uniform_directions(np.random.default_rng(1), 100)
     found = mapping.apply(Registers.of(given).apply(10 * recorded) / 10)
     npt.assert_allclose(found, given.apply(mapping.apply(recorded)), atol=0.02)
     assert find("adis16480").render(given).fields["checked"]["worst"] < 0.2
@@ -241,7 +241,7 @@ def test_what_saturation_would_cost_is_an_upper_bound_of_what_it_costs() -> None
     with pytest.raises(NotExportable) as caught:
         Registers.of(given)
     clipped = Registers((-4040, 0, 0, 32767, 0, 0, 0, 0, 0, 0, 0, -16548))
-    raw = given.unapply(50 * simulate.uniform(np.random.default_rng(0), 5000))
+    raw = given.unapply(50 * simulate.uniform_directions(np.random.default_rng(0), 5000))
     cost = np.linalg.norm(clipped.apply(10 * raw) - 10 * given.apply(raw), axis=1).max()
     stated = caught.value.evidence["error_mG"]
     assert isinstance(stated, float)

@@ -41,9 +41,9 @@ from flinders.core.joining import Joined
 from flinders.core.samples import Samples
 from flinders.errors import FitError, NeedsSamples, UsageError
 from flinders.estimators import Estimator, Readings
-from flinders.estimators.one_strength import at_one_strength
+from flinders.estimators.one_strength import scale_to_one_strength
 from flinders.fitting.result import Refused
-from flinders.geometry.ellipsoid import symmetric, upper
+from flinders.geometry.ellipsoid import symmetric_matrix, upper_entries
 from flinders.readers import read
 from flinders.report.drawings import Trace, convergence_drawing
 from flinders.summary.summary import Summary
@@ -57,7 +57,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 B: Final = np.array([50.0, 30.0, 60.0])
-D: Final = symmetric(np.array([0.05, 0.10, 0.05, 0.05, 0.05, 0.05]))
+D: Final = symmetric_matrix(np.array([0.05, 0.10, 0.05, 0.05, 0.05, 0.05]))
 GAIN: Final = np.eye(3) + D
 HARD_IRON: Final = np.linalg.solve(GAIN, B)
 
@@ -66,7 +66,7 @@ def orbit(noise: float, seed: int = 2, *, n: int = 2880, varies: float = 100.0) 
     """Random attitudes in a field of 350 mG that varies along an orbit; D and b as above, noise inside the bracket."""
     rng = np.random.default_rng(seed)
     strength = 350.0 + varies * np.sin(2 * np.pi * np.arange(n) / 540)
-    directions = simulate.uniform(rng, n)
+    directions = simulate.uniform_directions(rng, n)
     true = strength[:, np.newaxis] * directions
     return Samples.of((true + B + noise * rng.standard_normal((n, 3))) @ np.linalg.inv(GAIN), strength=strength)
 
@@ -74,7 +74,7 @@ def orbit(noise: float, seed: int = 2, *, n: int = 2880, varies: float = 100.0) 
 def centred(samples: Samples, noise: float) -> tuple[Floats, Floats]:
     """(3,) b and (3, 3) D of step 1 alone."""
     reference = Reference.of(Readings.of(samples), "", None)
-    b, d = parameters(ProductSums.of(reference, noise / reference.mean).solved())
+    b, d = parameters(ProductSums.of(reference, noise / reference.mean).solve())
     gain = (np.eye(3) + d) * reference.mean / reference.size
     return reference.mean * b + gain @ reference.origin, gain - np.eye(3)
 
@@ -99,7 +99,7 @@ def test_the_jacobian_is_that_of_theta() -> None:
     b, d = B / 350.0, D
     slopes = np.empty((9, 9))
     for place, move in enumerate(1e-6 * np.eye(9)):
-        ahead, behind = (theta_of(b + s * move[:3], d + s * symmetric(move[3:])) for s in (1, -1))
+        ahead, behind = (theta_of(b + s * move[:3], d + s * symmetric_matrix(move[3:])) for s in (1, -1))
         slopes[:, place] = (ahead - behind) / 2e-6
     npt.assert_allclose(jacobian(b, d), slopes, atol=1e-9)
 
@@ -144,7 +144,7 @@ def test_a_strength_that_varies_by_little_more_than_the_noise_makes_step_one_too
     npt.assert_allclose(b, [46.3, 27.6, 55.3], atol=0.3)
     npt.assert_allclose(np.diag(d), [-0.031, 0.015, -0.032], atol=5e-3)
     reference = Reference.of(Readings.of(samples), "", None)
-    explained = ProductSums.of(reference, 3.0 / 350.0).explained
+    explained = ProductSums.of(reference, 3.0 / 350.0).explained_share
     assert explained == pytest.approx(10.0**2 / 2 / (10.0**2 / 2 + 3.0**2), abs=0.02)
     npt.assert_allclose(np.diag(np.eye(3) + d), np.sqrt(explained) * np.diag(GAIN), rtol=5e-3)
     # The means put it right: step 2 does, and reading out the recursion.
@@ -159,7 +159,7 @@ def test_the_covariance_is_that_of_many_orbits(trials: Choose) -> None:
     for seed in claim.seeds:
         estimate = AlonsoShuster().estimate(Readings.of(orbit(0.5, seed, n=1080)))
         assert estimate.strength is not None
-        apart = upper(estimate.ellipsoid.shape - estimate.strength * np.linalg.inv(GAIN))
+        apart = upper_entries(estimate.ellipsoid.shape - estimate.strength * np.linalg.inv(GAIN))
         off.append(np.concatenate([estimate.ellipsoid.centre - HARD_IRON, apart]))
         claims.append(estimate.covariance)
     npt.assert_allclose(np.std(off, axis=0), np.sqrt(np.diag(np.mean(claims, axis=0))), rtol=0.2 * claim.widening)
@@ -200,11 +200,11 @@ def test_several_recordings_are_held_against_each_other_at_one_strength() -> Non
 def test_readings_at_one_strength_lie_on_one_ellipsoid() -> None:
     readings = Readings.of(orbit(0.0))
     estimate = AlonsoShuster().estimate(readings)
-    alike = at_one_strength(readings, estimate)
+    alike = scale_to_one_strength(readings, estimate)
     consistent = flinders.estimators.Consistent().estimate(alike).ellipsoid
     assert consistent.isclose(estimate.ellipsoid, rtol=1e-6)
     plain = Readings.of(orbit(0.0, varies=0.0).field)
-    assert at_one_strength(plain, AlonsoShuster().estimate(plain)) is plain
+    assert scale_to_one_strength(plain, AlonsoShuster().estimate(plain)) is plain
 
 
 # A strength that does not.
@@ -279,21 +279,21 @@ def test_a_fit_that_slides_to_minus_one_is_refused_where_auto_is_right(seed: int
 @pytest.mark.parametrize("unknowns", [3, 9])
 def test_the_exact_recursion_is_the_batch_to_rounding(unknowns: int) -> None:
     reference = Reference.of(Readings.of(orbit(0.5, varies=100.0)), "", None)
-    field, strength = reference.thinned(2880)
+    field, strength = reference.thin(2880)
     rows = regressors(field)
     z = np.sum(field**2, axis=1) - strength**2
     variance = reference.variances(field, strength, 0.5 / 350.0, "estimate")
     begun = SequentialState.of(rows[:200], z[:200], variance[:200], unknowns)
     whole = SequentialState.of(rows, z, variance, unknowns)
-    exact = begun.after(rows[200:], z[200:], variance[200:])
+    exact = begun.update(rows[200:], z[200:], variance[200:])
     npt.assert_allclose(exact.theta, whole.theta, rtol=0, atol=1e-13)
     npt.assert_allclose(exact.covariance, whole.covariance, rtol=1e-8)
     npt.assert_allclose([*exact.row, exact.value], [*whole.row, whole.value], atol=1e-12)
-    published = begun.after(rows[200:], z[200:], variance[200:], exact=False)
+    published = begun.update(rows[200:], z[200:], variance[200:], exact=False)
     apart = 350.0 * np.abs(published.theta - whole.theta)[:3].max()
     assert 1e-6 < apart < 1e-3
     if unknowns == 9:
-        npt.assert_allclose(ProductSums.of(reference, 0.5 / 350.0).solved(), whole.theta, rtol=0, atol=1e-10)
+        npt.assert_allclose(ProductSums.of(reference, 0.5 / 350.0).solve(), whole.theta, rtol=0, atol=1e-10)
 
 
 def test_a_constant_strength_leaves_the_offset_to_be_found_and_refuses_the_rest() -> None:
@@ -305,7 +305,9 @@ def test_a_constant_strength_leaves_the_offset_to_be_found_and_refuses_the_rest(
     assert Sequential().estimate(readings).method == "sequential offset"
     with pytest.raises(ConstantStrength, match="explain"):
         Sequential(find="all").estimate(Readings.of(orbit(3.0, varies=2.0)))
-    ball = Samples.of(350.0 * simulate.uniform(np.random.default_rng(1), 2000) + B, strength=np.full(2000, 350.0))
+    ball = Samples.of(
+        350.0 * simulate.uniform_directions(np.random.default_rng(1), 2000) + B, strength=np.full(2000, 350.0)
+    )
     found = Sequential().estimate(Readings.of(ball))
     npt.assert_allclose(found.ellipsoid.centre, B, atol=1e-9)
     npt.assert_allclose(found.ellipsoid.shape, 350.0 * np.eye(3), atol=1e-3)
@@ -317,7 +319,7 @@ def test_the_claim_for_an_offset_is_that_of_many_recordings(trials: Choose) -> N
     off, claims, claim = [], [], trials(150, 30)
     for seed in claim.seeds:
         rng = np.random.default_rng(seed)
-        directions = simulate.uniform(rng, 800)
+        directions = simulate.uniform_directions(rng, 800)
         directions = directions[directions[:, 2] > -0.5]
         field = 50.0 * directions + [20.0, 120.0, 90.0] + 0.5 * rng.standard_normal(directions.shape)
         found = Sequential(find="offset").estimate(Readings.of(field))
@@ -358,10 +360,10 @@ def test_the_filter_converges_from_a_start_of_28_tenths_of_the_truth() -> None:
         reached = {}
         for variance in (500.0, 0.1):
             begun = filters.FilterState(
-                2.8 * np.concatenate([B / 350.0, upper(D)]),
+                2.8 * np.concatenate([B / 350.0, upper_entries(D)]),
                 np.diag([*np.full(3, variance / 350.0**2), *np.full(6, 1e-3)]),
             )
-            ended = begun.after(samples.field / 350.0, samples.strength / 350.0, noise / 350.0)
+            ended = begun.update(samples.field / 350.0, samples.strength / 350.0, noise / 350.0)
             reached[variance] = 350.0 * ended.values[:3] - B
         assert np.abs(reached[500.0]).max() < allowed
         assert np.abs(reached[0.1]).max() > 5.0

@@ -31,7 +31,7 @@ PAIRS: Final = {"xy": (50.0, 50.0, 65.0), "xz": (50.0, 65.0, 50.0), "yz": (65.0,
 def recorded(shape: Floats, noise: float = 0.5, *, n: int = 500, seed: int = 1) -> Floats:
     rng = np.random.default_rng(seed)
     white = noise * rng.standard_normal((n, 3))
-    return np.asarray(HARD_IRON + simulate.uniform(rng, n) @ shape + white, np.float64)
+    return np.asarray(HARD_IRON + simulate.uniform_directions(rng, n) @ shape + white, np.float64)
 
 
 def petrov(field: Floats, equals: str) -> Ellipsoid:
@@ -149,7 +149,7 @@ def test_auto_ends_with_the_model_of_the_smallest_fit_error(
     """Which is the true one or, as unknowns cost nothing, a richer one; never a poorer one."""
     turn = simulate.turns([[0.9, 0.4, 0.3]])[0] if turned else np.eye(3)
     readings = Readings.of(recorded(turn @ np.diag(semi) @ turn.T))
-    radii, found = Constrained("auto").chosen(readings)
+    radii, found = Constrained("auto").choose_radii(readings)
     order: list[Radii] = ["sphere", "aligned", "free"]
     fits = {model: Constrained(model).estimate(readings).ellipsoid for model in order}
     errors = {model: fit_error(readings.summary.moments, fit) for model, fit in fits.items()}

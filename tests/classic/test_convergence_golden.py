@@ -70,7 +70,7 @@ def test_an_estimate_that_never_moves_can_be_drawn() -> None:
     for settling in (Trace(steps, "x", "counts"), Trace(steps, "x", "uT", dip_deg=-60.0, target_deg=45.0)):
         assert "nan" not in convergence_drawing(settling)
         assert convergence_table(settling).splitlines()[1] == "10" + "," * 19
-        assert settling.heading_off_deg[1] == 0.0
+        assert settling.heading_differences_deg[1] == 0.0
 
 
 def test_a_refused_fit_can_be_watched_too() -> None:

@@ -14,7 +14,7 @@ from benchmarks import magyc as benchmark
 from benchmarks.emulations import EMULATIONS
 from benchmarks.emulations.forgetting import forgetting
 from benchmarks.emulations.gyro_windows import NeedsRate, OneAxisTurned, Steps, steps_of
-from benchmarks.emulations.ladder import FULL, RUNGS, NothingAccepted, bins_of, climbed, ladder, solved
+from benchmarks.emulations.ladder import BUFFER_SIZE, RUNGS, NothingAccepted, bins_of, climbed, ladder, solved
 from benchmarks.emulations.magyc_ls import gyro_bias, magyc_ls, windows_of
 from benchmarks.emulations.px4_observer import px4_observer
 from benchmarks.emulations.sar_kf import sar_kf
@@ -29,7 +29,7 @@ from flinders.apps.classic.recipes.sphere import Sphere
 from flinders.core.samples import Samples
 from flinders.errors import FitError, NotAnEllipsoid, TooFewSamples
 from flinders.estimators.algebraic import Algebraic, fit_error
-from flinders.estimators.consistent import Consistent, adjusted
+from flinders.estimators.consistent import Consistent, fit_adjusted
 from flinders.estimators.data import Readings
 from flinders.summary.moments import Moments
 from flinders.summary.summary import Summary
@@ -56,7 +56,9 @@ def swayed(seed: int = 1, *, n: int = 1000, noise: float = 0.0, imu: simulate.Im
 
 def turned(n: int, seed: int = 1, *, noise: float = 0.5, iron: Floats = SOFT_IRON, field: float = 50.0) -> Floats:
     rng = np.random.default_rng(seed)
-    readings: Floats = HARD_IRON + field * simulate.uniform(rng, n) @ iron + noise * rng.standard_normal((n, 3))
+    readings: Floats = (
+        HARD_IRON + field * simulate.uniform_directions(rng, n) @ iron + noise * rng.standard_normal((n, 3))
+    )
     return readings
 
 
@@ -139,7 +141,7 @@ def test_forgetting_is_a_recursion_that_fades_its_sums() -> None:
     sums = Moments.empty()
     for block in np.array_split(field, 3000):
         sums = sums * math.exp(-1.0 / memory) + Moments.of(block)
-    wanted, _ = adjusted(Readings(replace(Summary.empty(), moments=sums)))
+    wanted, _ = fit_adjusted(Readings(replace(Summary.empty(), moments=sums)))
     assert forgetting(Samples(field), memory).isclose(wanted, rtol=1e-9)
 
 
@@ -263,7 +265,7 @@ def test_an_open_surface_is_no_trial_though_its_determinant_is_positive(pitch_de
 
 def put(held: Floats, index: NDArray[np.int64], reading: Floats, place: tuple[int, int], loop: int) -> None:
     """The four cases of the buffer: full or not, bin taken or not."""
-    is_full, is_free = int((index >= 0).sum()) == FULL, index[place] == -1
+    is_full, is_free = int((index >= 0).sum()) == BUFFER_SIZE, index[place] == -1
     if is_full and is_free:
         ages = np.where(index >= 0, index, 10**9)
         index[np.unravel_index(int(ages.argmin()), ages.shape)] = -1
@@ -335,7 +337,7 @@ def test_the_rules_written_out_give_the_same(motion: str, seed: int, n: int) -> 
 
 
 def test_the_bins_are_twelve_by_twenty_four() -> None:
-    bins = bins_of(simulate.uniform(np.random.default_rng(1), 50_000))
+    bins = bins_of(simulate.uniform_directions(np.random.default_rng(1), 50_000))
     assert (bins.min(), bins.max()) == (0, 287)
     assert len(np.unique(bins)) > 250
 

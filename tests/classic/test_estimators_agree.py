@@ -32,7 +32,7 @@ from flinders.estimators.level import Level
 from flinders.estimators.likelihood import Likelihood
 from flinders.estimators.minmax import MinMax
 from flinders.estimators.robust import Robust
-from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric_matrix, upper_entries
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -77,7 +77,7 @@ MODELS: Final[dict[str, list[Estimator]]] = {
 
 def recorded(shape: Floats, noise: float, *, n: int = 1000, seed: int = 1, half: bool = False) -> Floats:
     rng = np.random.default_rng(seed)
-    directions = (simulate.hemisphere if half else simulate.uniform)(rng, n)
+    directions = (simulate.hemisphere if half else simulate.uniform_directions)(rng, n)
     return np.asarray(HARD_IRON + directions @ shape + noise * rng.standard_normal((n, 3)), np.float64)
 
 
@@ -171,14 +171,14 @@ def test_the_consistent_fit_is_that_of_bisection_with_a_polynomial_for_each_read
 
 
 def parameters(ellipsoid: Ellipsoid) -> Floats:
-    return np.concatenate([ellipsoid.centre, upper(ellipsoid.shape)])
+    return np.concatenate([ellipsoid.centre, upper_entries(ellipsoid.shape)])
 
 
 def sampson(field: Floats) -> Callable[[Floats], Floats]:
     """Residuals (|u| − 1) |u| / |Tᵀu| with u = T (x − b), T = S⁻¹, as the notes write it."""
 
     def residuals(theta: Floats) -> Floats:
-        inverse = np.linalg.inv(symmetric(theta[3:]))
+        inverse = np.linalg.inv(symmetric_matrix(theta[3:]))
         u = (field - theta[:3]) @ inverse.T
         n = np.linalg.norm(u, axis=1)
         return np.asarray((n - 1) * n / np.linalg.norm(u @ inverse, axis=1), np.float64)
@@ -190,7 +190,7 @@ def orthogonal(field: Floats) -> Callable[[Floats], Floats]:
     """Distances to the nearest point, y a²/(a² + λ) in the principal frame with λ by Newton's method."""
 
     def residuals(theta: Floats) -> Floats:
-        axes, frame = np.linalg.eigh(symmetric(theta[3:]))
+        axes, frame = np.linalg.eigh(symmetric_matrix(theta[3:]))
         y = (field - theta[:3]) @ frame
         squares = axes**2
         multiplier = np.zeros(len(y))

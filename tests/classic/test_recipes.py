@@ -18,7 +18,7 @@ import flinders
 from flinders import simulate
 from flinders.apps.classic.recipes.li import Li
 from flinders.comparison.comparison import compare
-from flinders.comparison.cross_validation import cross_validated
+from flinders.comparison.cross_validation import cross_validate
 from flinders.comparison.merging import merge
 from flinders.errors import UsageError
 from flinders.estimators import METHODS, Readings
@@ -63,7 +63,7 @@ def true_error_deg(estimator: Estimator, recording: Simulated) -> float:
 @pytest.mark.parametrize("name", daily(["S1", "S3"]))
 def test_validation_shows_the_true_error_where_the_model_is_too_simple(name: str, method: str) -> None:
     recordings = [dataset(name, trial, 0.5) for trial in range(6)]
-    shown = rms([cross_validated(METHODS[method](), one.samples).heading_error_deg.rms for one in recordings])
+    shown = rms([cross_validate(METHODS[method](), one.samples).heading_error_deg.rms for one in recordings])
     true = rms([true_error_deg(METHODS[method](), one) for one in recordings])
     assert true > 5.0
     assert 0.85 < shown / true < 1.2

@@ -49,7 +49,7 @@ def test_copied_into_a_device_the_table_corrects_readings() -> None:
     rows = table(export(*TO, "calibration.json").stdout)
     registers = Registers.from_words(int(row[3], 16) for row in rows.values())
     given = Calibration.load("calibration.json")
-    raw = given.unapply(49 * simulate.uniform(np.random.default_rng(0), 1000))
+    raw = given.unapply(49 * simulate.uniform_directions(np.random.default_rng(0), 1000))
     off = registers.apply(10 * raw) - 10 * given.apply(raw)
     told = json.loads(export(*TO, "calibration.json", "--json").stdout)["checked"]
     assert np.linalg.norm(off, axis=1).max() == pytest.approx(told["worst"], rel=0.05)

@@ -32,7 +32,7 @@ from flinders.estimators import Readings
 from flinders.estimators.ellipse import Ellipse
 from flinders.fitting.fit_file import fit_from
 from flinders.fitting.result import Fit, Refused, document_of
-from flinders.geometry.plane import PLANES, PlaneEllipse, Spacing, Turn, order_of, root
+from flinders.geometry.plane import PLANES, PlaneEllipse, Spacing, Turn, axis_order, symmetric_root
 from flinders.heading.error_propagation import level_turn
 from flinders.summary.summary import Summary
 
@@ -83,7 +83,7 @@ def off_deg(calibration: Calibration, compass: TwoAxis = COMPASS) -> Floats:
 @pytest.mark.parametrize("plane", PLANES)
 def test_36_points_without_noise_are_exact(method: str, plane: Plane) -> None:
     """Offset, scales and skew to 1e-9, of each plane."""
-    order = list(order_of(plane))
+    order = list(axis_order(plane))
     field = np.full((36, 3), 12.5)
     field[:, order[:2]] = swing(COMPASS).samples.field[:, :2]
     field[:, order[2]] = np.linspace(-0.1, 0.1, 36)
@@ -183,8 +183,8 @@ def test_the_root_in_closed_form_is_a_root() -> None:
     for seed in range(20):
         half = np.random.default_rng(seed).normal(size=(2, 2))
         square = half @ half.T
-        npt.assert_allclose(root(square) @ root(square), square, atol=1e-12)
-        npt.assert_allclose(root(square), root(square).T)
+        npt.assert_allclose(symmetric_root(square) @ symmetric_root(square), square, atol=1e-12)
+        npt.assert_allclose(symmetric_root(square), symmetric_root(square).T)
 
 
 # What an ellipse does not tell.
@@ -369,7 +369,7 @@ def test_what_cannot_work_is_refused(method: str) -> None:
 
 def sweep(plane: Plane, dip_deg: float) -> Floats:
     """(36, 3) directions of the field, the third axis of the plane down."""
-    first, second, third = order_of(plane)
+    first, second, third = axis_order(plane)
     heading, dip = np.radians(np.arange(0.0, 360.0, 10.0)), np.radians(dip_deg)
     directions = np.zeros((36, 3))
     directions[:, first] = np.cos(dip) * np.cos(heading)
@@ -470,7 +470,7 @@ def composed(sensor: simulate.Sensor, planes: tuple[Plane, ...], rng: Generator,
         fit = flinders.fit(
             readings, target_deg=50.0, site=flinders.Site(strength=strength), method=method_with(method, plane=plane)
         )
-        found = fit if first is None else composition.composed(first, fit)
+        found = fit if first is None else composition.compose(first, fit)
         loaded.append(fit_from(document_of(found)))
     return loaded
 
@@ -548,7 +548,7 @@ def test_raw_turns_are_told_from_loaded_ones(trials: Choose) -> None:
 
 def is_refused(first: Fit, plane: Plane, field: Floats) -> bool:
     """Whether a turn is taken for one that was made without a calibration loaded."""
-    points = field[:, list(order_of(plane)[:2])]
+    points = field[:, list(axis_order(plane)[:2])]
     try:
         refuse_unloaded(first, Turn.of(plane, points, PlaneEllipse.of_points(points)), dip_deg=60.0, source="turn.csv")
     except UsageError:
@@ -565,7 +565,7 @@ def test_a_sensor_that_was_calibrated_all_round_may_be_put_into_a_vehicle() -> N
     fit = flinders.fit(flinders.Samples.of(points, unit="uT"), method="ellipse", site=flinders.Site(strength=strength))
     turn = Turn.of("xy", points[:, :2], PlaneEllipse.of_points(points[:, :2]))
     refuse_unloaded(bench, turn, dip_deg=60.0, source="turn.csv")
-    found = composition.composed(bench, fit)
+    found = composition.compose(bench, fit)
     assert turns_of(found) == ("", "xy")
     assert found.heading_error_deg == fit.heading_error_deg
     corrected = found.calibration.apply(bench.calibration.unapply(points))

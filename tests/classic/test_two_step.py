@@ -13,7 +13,7 @@ from tests.worlds import HARD_IRON
 
 import flinders
 from flinders import simulate
-from flinders.apps.classic.recipes.two_step import TwoStep, triangular
+from flinders.apps.classic.recipes.two_step import TwoStep, triangular_model
 from flinders.cli import main
 from flinders.errors import NotAnEllipsoid, UsageError
 from flinders.estimators import Readings
@@ -28,7 +28,7 @@ def recorded(
     shape: flinders.arrays.Floats, noise: float = 0.0, *, n: int = 1000, seed: int = 1
 ) -> flinders.arrays.Floats:
     rng = np.random.default_rng(seed)
-    directions = simulate.uniform(rng, n)
+    directions = simulate.uniform_directions(rng, n)
     return np.asarray(HARD_IRON + 50.0 * directions @ shape.T + noise * rng.standard_normal((n, 3)), np.float64)
 
 
@@ -54,7 +54,7 @@ def test_the_triangular_model_comes_out_as_it_went_in() -> None:
         [1.3 * np.sin(lean), 1.3 * np.cos(lean) * np.sin(phi), 1.3 * np.cos(lean) * np.cos(phi)],
     ]
     found = TwoStep("non-orthogonal").estimate(Readings.of(recorded(np.array(rows))))
-    npt.assert_allclose(triangular(found.ellipsoid, 50.0), [1.1, 0.9, 1.3, 3.0, -2.0, 5.0], atol=1e-9)
+    npt.assert_allclose(triangular_model(found.ellipsoid, 50.0), [1.1, 0.9, 1.3, 3.0, -2.0, 5.0], atol=1e-9)
     npt.assert_allclose(found.ellipsoid.centre, HARD_IRON, atol=1e-8)
     assert found.method == "two-step non-orthogonal"
 

@@ -74,7 +74,7 @@ def test_the_last_row_of_the_table_is_the_300th_of_whole_steps_that_go_round_in_
     assert costs[299] > 1.2 * min(costs)
     with pytest.raises(Collapsed) as caught:
         AlonsoShuster(noise=2.0, field_strength=50.0).estimate(readings)
-    assert caught.value.shrunk < 0.5
+    assert caught.value.with_shrinkage < 0.5
     assert (caught.value.exit_code, caught.value.code) == (4, "collapsed")
 
 
@@ -90,7 +90,7 @@ def full(entries: Floats) -> Floats:
 def test_constant_strength_makes_the_centred_step_minus_one_exactly() -> None:
     """θ' = (0; −1, −1, −1, 0, 0, 0) for any readings: §2, first pitfall."""
     reference = Reference.of(Readings.of(spiral(0.5)), "", 50.0)
-    theta = ProductSums.of(reference, 0.01).solved()
+    theta = ProductSums.of(reference, 0.01).solve()
     npt.assert_allclose(theta, [0, 0, 0, -1, -1, -1, 0, 0, 0], atol=1e-10)
 
 

@@ -26,7 +26,7 @@ from flinders import simulate
 from flinders.cli import _output, main
 from flinders.cli._commands import ROWS
 from flinders.cli._program import EXIT_CODES
-from flinders.cli._signals import ENDING, handled, interrupt
+from flinders.cli._signals import STOP_SIGNALS, handle_signals, interrupt
 from flinders.core import calibration_file
 from flinders.core.calibration import Calibration
 from flinders.fitting.fit_json import json_of
@@ -691,7 +691,7 @@ def test_a_program_that_is_to_outlive_its_terminal_does() -> None:
     """`nohup` has the signal ignored."""
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
-        with handled(interrupt, *ENDING):
+        with handle_signals(interrupt, *STOP_SIGNALS):
             signal.raise_signal(signal.SIGHUP)
     finally:
         signal.signal(signal.SIGHUP, before)

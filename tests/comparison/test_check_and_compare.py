@@ -24,7 +24,7 @@ from flinders.cli import main
 from flinders.core import calibration_file
 from flinders.core.calibration import Calibration
 from flinders.fitting.result import with_calibration
-from flinders.report.comparison_pages import of_comparison
+from flinders.report.comparison_pages import page_of_comparison
 from flinders.targets._mounting import euler
 
 if TYPE_CHECKING:
@@ -180,7 +180,7 @@ def test_angles_and_shares_that_round_to_nothing_have_no_sign() -> None:
     found = flinders.compare(flinders.load("monday.json"), flinders.load("tuesday.json"))
     tiny = replace(found, heading_mean_deg=-0.001, scale_difference=-0.00001)
     with StringIO() as out:
-        Console(file=out, width=100, color_system=None).print(of_comparison(tiny))
+        Console(file=out, width=100, color_system=None).print(page_of_comparison(tiny))
         shown = out.getvalue()
     assert "-0.00" not in shown
     assert "0.00°" in shown

@@ -14,7 +14,7 @@ from tests.worlds import RANDOM_SENSOR
 
 import flinders
 from flinders import simulate
-from flinders.comparison.comparison import CHANCE, Strength, compare
+from flinders.comparison.comparison import MAX_P_VALUE, LengthSums, compare
 from flinders.comparison.pairs import EllipsoidPairs, Pairs
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
@@ -25,7 +25,7 @@ from flinders.errors import ArrayError, AxesError, DocumentError, UnitError, Usa
 from flinders.fitting.aiding import Aiding
 from flinders.fitting.fit_file import fit_from, load
 from flinders.fitting.result import Fit, bare_fit, with_calibration, with_name
-from flinders.summary.pooling import chance_of
+from flinders.summary.pooling import p_value_of
 from flinders.targets._mounting import euler
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def test_chance_explains_the_difference_as_often_as_it_says(field_strength: floa
     assert np.mean(chances < 0.05) <= 0.05 + 0.06 * claim.widening
     assert abs(np.mean(chances) - 0.5) < 0.1 * claim.widening
     assert {pair.freedom for pair in pairs} == {8 if field_strength is None else 9}
-    assert sum(chances < CHANCE) <= 0.04 * claim.widening * claim.count
+    assert sum(chances < MAX_P_VALUE) <= 0.04 * claim.widening * claim.count
     assert "fails" not in {pair.answer for pair in pairs}
     ratios = np.array([pair.ratio for pair in pairs], float)
     low, high = claim.ratios(0.85, 1.15)
@@ -78,7 +78,7 @@ def test_chance_is_that_of_the_chi_square_distribution(freedom: int) -> None:
     from scipy import stats
 
     values = np.linspace(0.0, 60.0, 600)
-    found, true = [chance_of(value, freedom) for value in values], stats.chi2.sf(values, freedom)
+    found, true = [p_value_of(value, freedom) for value in values], stats.chi2.sf(values, freedom)
     npt.assert_allclose(found, true, atol=0.006)
     npt.assert_allclose(np.array(found)[true < 0.1], true[true < 0.1], atol=0.002)
 
@@ -99,12 +99,12 @@ def test_a_change_of_no_consequence_holds_and_one_near_the_target_cannot_be_told
     first, second = judged(0, n=4000), judged(1, n=4000, moved=0.3)
     found = compare(first, second)
     assert found.p_value is not None
-    assert found.p_value < CHANCE
+    assert found.p_value < MAX_P_VALUE
     assert found.answer == "holds"
     assert compare(first, second, target_deg=0.1).answer == "fails"
     near = compare(first, second, target_deg=1.01 * found.worst_deg)
     assert near.answer == "cannot-tell"
-    assert near.telling_bound_deg == pytest.approx(0.01 * found.worst_deg)
+    assert near.required_bound_deg == pytest.approx(0.01 * found.worst_deg)
 
 
 @pytest.mark.parametrize("factor", [0.8, 1.2])
@@ -113,10 +113,10 @@ def test_the_claim_that_would_tell_does(factor: float) -> None:
     target_deg = factor * compare(first, second).worst_deg
     found = compare(first, second, target_deg=target_deg)
     assert found.answer == "cannot-tell"
-    assert found.telling_bound_deg is not None
+    assert found.required_bound_deg is not None
     assert found.claimed_bound_deg is not None
     for share, answer in ((0.99, "fails" if factor < 1.0 else "holds"), (1.01, "cannot-tell")):
-        narrower = (share * found.telling_bound_deg / found.claimed_bound_deg) ** 2
+        narrower = (share * found.required_bound_deg / found.claimed_bound_deg) ** 2
         claims = (claiming(one, narrower * np.asarray(one.claim.covariance)) for one in (first, second))
         assert compare(*claims, target_deg=target_deg).answer == answer
 
@@ -208,7 +208,7 @@ def test_the_scale_counts_where_both_fields_are_known() -> None:
     gain = compare(known[0], known[2])
     assert (gain.answer, gain.is_scale_known, gain.freedom) == ("holds", True, 9)
     assert gain.p_value is not None
-    assert gain.p_value < CHANCE
+    assert gain.p_value < MAX_P_VALUE
     assert gain.scale_difference == pytest.approx(0.1)
     assert gain.heading_difference_deg.worst < 0.5
 
@@ -251,7 +251,7 @@ def test_a_calibration_without_a_covariance_is_exact() -> None:
     assert half.chi_square is not None
     assert half.chi_square > both.chi_square
     assert (none.chi_square, none.p_value, none.claimed_deg, none.ratio) == (None, None, None, None)
-    assert (none.answer, none.telling_bound_deg, none.wider_claim) == ("holds", None, None)
+    assert (none.answer, none.required_bound_deg, none.wider_claim) == ("holds", None, None)
     assert compare(*bare, target_deg=0.001).answer == "fails"
 
 
@@ -259,7 +259,7 @@ def test_calibrations_that_claim_little_do_not_tell() -> None:
     first, second = (claiming(one, 1e4 * np.asarray(one.claim.covariance)) for one in (judged(0), judged(1)))
     found = compare(first, second)
     assert found.p_value is not None
-    assert found.p_value > CHANCE
+    assert found.p_value > MAX_P_VALUE
     assert found.answer == "cannot-tell"
 
 
@@ -320,10 +320,10 @@ def test_the_strength_of_readings_adds() -> None:
     calibration = judged(0).calibration
     field = recording.samples.field
     lengths = np.linalg.norm(calibration.apply(field), axis=1) / calibration.field_strength
-    found = Strength.under(calibration, field[:300]) + Strength.under(calibration, field[300:])
+    found = LengthSums.of_corrected(calibration, field[:300]) + LengthSums.of_corrected(calibration, field[300:])
     assert found.readings == len(field)
     assert [found.mean, found.spread] == pytest.approx([lengths.mean(), lengths.std()])
-    assert (Strength().mean, Strength().spread) == (0.0, 0.0)
+    assert (LengthSums().mean, LengthSums().spread) == (0.0, 0.0)
 
 
 def level_and_all_round(seed: int, axes: str = "x,y,z") -> tuple[Fit, Fit]:

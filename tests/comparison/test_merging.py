@@ -28,7 +28,7 @@ from flinders.findings import Finding
 from flinders.fitting.claim import Claim
 from flinders.fitting.fit_json import json_of
 from flinders.fitting.result import Fit, Judgement, bare_fit, with_calibration, with_name
-from flinders.geometry.ellipsoid import upper
+from flinders.geometry.ellipsoid import upper_entries
 from flinders.summary.pooling import chi_square_of
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def repeats(merged: Fit) -> Repeats:
 
 
 def parameters(calibration: Calibration) -> Floats:
-    return np.concatenate([calibration.offset, upper(calibration.shape)])
+    return np.concatenate([calibration.offset, upper_entries(calibration.shape)])
 
 
 # how good it is
@@ -87,7 +87,7 @@ def test_it_is_as_good_as_it_claims(known: bool, fields: tuple[float, float], mo
         merged = merge(parts)
         assert merged.calibration.field_strength_known is known
         turn, gains, _ = np.linalg.svd(sensor.matrix)
-        true = np.concatenate([sensor.offset, upper(np.sqrt(np.prod(fields)) * (turn * gains) @ turn.T)])
+        true = np.concatenate([sensor.offset, upper_entries(np.sqrt(np.prod(fields)) * (turn * gains) @ turn.T)])
         square, freedom = chi_square_of(parameters(merged.calibration) - true, merged.claim.covariance)
         assert freedom == 9
         squares.append(square)
@@ -154,10 +154,10 @@ def test_a_moved_battery_is_refused_by_name() -> None:
         merge(parts)
     merged = caught.value.fit
     assert merged.verdict == "refused"
-    assert repeats(merged).farthest.source == "moved"
-    assert repeats(merged).farthest.difference_deg == pytest.approx(np.rad2deg(3.0 / 25.0), rel=0.15)
+    assert repeats(merged).most_deviating.source == "moved"
+    assert repeats(merged).most_deviating.difference_deg == pytest.approx(np.rad2deg(3.0 / 25.0), rel=0.15)
     assert json_of(merged)["calibration"] is None
-    assert caught.value.evidence["recordings-differ"] == pytest.approx(repeats(merged).farthest.difference_deg)
+    assert caught.value.evidence["recordings-differ"] == pytest.approx(repeats(merged).most_deviating.difference_deg)
     with assert_raises(NotMerged):
         merge([parts[2], parts[0]])
 
@@ -179,7 +179,7 @@ def test_by_how_much_they_differ_makes_the_verdict() -> None:
 def test_what_they_differ_by_is_in_the_heading_error() -> None:
     one, far = judged(1, "monday", n=8000), judged(2, "tuesday", n=8000, by=0.7)
     error = merge([one, far]).heading_error_deg.worst
-    apart = repeats(merge([one, far])).farthest.difference_deg
+    apart = repeats(merge([one, far])).most_deviating.difference_deg
     assert 0.5 * apart < error < 1.5 * apart
 
 

@@ -10,7 +10,7 @@ import pytest
 from tests.sentences import assert_raises
 
 from flinders import Samples
-from flinders.arrays import vectors
+from flinders.arrays import check_vectors
 from flinders.errors import ArrayError
 
 pandas = pytest.importorskip("pandas")
@@ -44,7 +44,7 @@ def with_entry(entry: object) -> Any:  # noqa: ANN401 - an array of objects
 )
 def test_what_is_no_array_of_triples_is_told_with_the_way_out(values: Any) -> None:  # noqa: ANN401
     with assert_raises(ArrayError):
-        vectors(values)
+        check_vectors(values)
 
 
 def test_masked_values_and_nan_are_left_out_and_counted_as_rows() -> None:
@@ -53,9 +53,9 @@ def test_masked_values_and_nan_are_left_out_and_counted_as_rows() -> None:
     assert len(samples) == 3
     assert [(entry.rows, entry.lines) for entry in samples.skipped] == [(1, (2,))]
     with assert_raises(ArrayError):
-        vectors(masked)
+        check_vectors(masked)
 
 
 def test_integers_of_any_width_and_booleans_are_numbers() -> None:
     for kind in (np.int8, np.uint64, bool, np.float32):
-        assert vectors(ROWS.astype(kind)).dtype == np.float64
+        assert check_vectors(ROWS.astype(kind)).dtype == np.float64

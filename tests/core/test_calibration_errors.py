@@ -78,7 +78,7 @@ MALFORMED: dict[str, bytes] = {
     "bad UTF-8": WHOLE.replace(b'"sensor"', b'"\xff\xff"'),
     "gzip": gzip.compress(WHOLE),
     "too deep": b"[" * 100_000,
-    "too large": b" " * (calibration_file.LARGEST + 1),
+    "too large": b" " * (calibration_file.MAX_BYTES + 1),
     "a number": b"42",
     "a list": b"[1, 2, 3]",
     "another program's": b'{"magnetometer": {"bias": [1, 2, 3]}}',

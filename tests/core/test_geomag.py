@@ -12,7 +12,7 @@ import numpy.testing as npt
 import pytest
 from tests.sentences import assert_raises
 
-from flinders.core.geomag import SiteField, place_of, recorded_field, site_field, year_of
+from flinders.core.geomag import SiteField, decimal_year, parse_place, recorded_field, site_field
 from flinders.errors import UsageError
 
 if TYPE_CHECKING:
@@ -94,9 +94,9 @@ def test_the_published_uncertainty_goes_with_the_horizontal_field() -> None:
 def test_where_the_field_is_vertical_the_compass_is_doubted() -> None:
     near = site_field(86.0, 140.0, year=2025.0)
     assert near.is_blackout
-    assert "below 2,000 nT" in near.doubt
-    assert "unreliable" in site_field(80.0, -100.0, year=2025.0).doubt
-    assert site_field(47.0, 8.0, year=2025.0).doubt == ""
+    assert "below 2,000 nT" in near.warning
+    assert "unreliable" in site_field(80.0, -100.0, year=2025.0).warning
+    assert site_field(47.0, 8.0, year=2025.0).warning == ""
 
 
 def test_parts_of_the_field_agree_with_each_other() -> None:
@@ -109,16 +109,16 @@ def test_parts_of_the_field_agree_with_each_other() -> None:
 
 
 def test_days_become_years() -> None:
-    assert year_of("2026-01-01") == year_of(2026.0) == year_of(datetime.date(2026, 1, 1)) == 2026.0
-    assert year_of("2028-12-31") == pytest.approx(2028 + 365 / 366)
+    assert decimal_year("2026-01-01") == decimal_year(2026.0) == decimal_year(datetime.date(2026, 1, 1)) == 2026.0
+    assert decimal_year("2028-12-31") == pytest.approx(2028 + 365 / 366)
     noon = datetime.datetime(2026, 1, 1, 12, tzinfo=datetime.UTC)
-    assert year_of(noon) == pytest.approx(2026 + 0.5 / 365)
+    assert decimal_year(noon) == pytest.approx(2026 + 0.5 / 365)
 
 
 @pytest.mark.parametrize("day", ["1899-12-31", "2030-01-02", "1066", 2031.0, datetime.date(1899, 1, 1)])
 def test_a_day_without_a_model_is_refused(day: datetime.date | str | float) -> None:
     with pytest.raises(UsageError, match="1900 to 2030"):
-        year_of(day)
+        decimal_year(day)
 
 
 @pytest.mark.parametrize(("year", "model"), [(2009.9, "wmm"), (2024.9, "wmmhr"), (2026.0, "best")])
@@ -159,7 +159,7 @@ def test_the_clock_of_a_log_is_believed_from_2010_on() -> None:
 @pytest.mark.parametrize("day", ["yesterday", "21.11.2026", "2026-13-01", ""])
 def test_what_is_no_day_is_refused(day: str) -> None:
     with assert_raises(UsageError):
-        year_of(day)
+        decimal_year(day)
 
 
 @pytest.mark.parametrize(
@@ -171,7 +171,7 @@ def test_what_is_no_day_is_refused(day: str) -> None:
 )  # fmt: skip
 def test_what_is_no_place_is_refused(text: str) -> None:
     with assert_raises(UsageError):
-        place_of(text)
+        parse_place(text)
 
 
 def test_the_model_is_loaded_when_it_is_asked_for_and_not_before() -> None:

@@ -104,7 +104,7 @@ def test_a_recording_without_an_answer_is_refused_with_the_reason(tmp_path: Path
 
 def test_a_long_recording_is_summarised_without_them() -> None:
     samples = Samples.of(interrupted(tumble(), 0.0, "every other row"), unit="uT")
-    summary = Summary.over(samples.blocks(64))
+    summary = Summary.of_blocks(samples.blocks(64))
     assert len(summary) == GOOD
     assert found(flinders.fit(samples), "no-answer") == [GOOD]
 

@@ -20,10 +20,10 @@ from flinders.comparison.evaluation import evaluate
 from flinders.core.samples import Samples
 from flinders.estimators.disturbance import fit_disturbances
 from flinders.estimators.regressor_quality import noise_of
-from flinders.estimators.static_bench import still
+from flinders.estimators.static_bench import fit_still
 from flinders.findings import CATALOGUE
 from flinders.fitting.result import Fit, Refused
-from flinders.fitting.verdict import of_column, of_noisy
+from flinders.fitting.verdict import column_findings, noise_findings
 from flinders.simulate import recording
 from flinders.simulate.truth import Truth
 
@@ -170,7 +170,7 @@ def test_a_noisy_meter_makes_no_lag_and_hides_none(readings: float, noise: float
 
 def test_a_noisy_meter_on_the_bench_makes_no_lag(trials: Choose) -> None:
     for seed in trials(10, 3).seeds:
-        found = still([bench(RUNS, noise=1.0, seed=seed)], ["current"])
+        found = fit_still([bench(RUNS, noise=1.0, seed=seed)], ["current"])
         assert found is not None
         assert found.disturbances[0].lag_s == 0.0
 
@@ -234,10 +234,10 @@ RUNS: Final = 10.0 - 10.0 * np.cos(np.arange(600) / 600 * 4.0 * np.pi)
 
 
 def of_bench(samples: Samples) -> set[str]:
-    found = still([samples], ["current"])
+    found = fit_still([samples], ["current"])
     assert found is not None
-    columns = (one for each in found.estimates for one in of_column(each))
-    return {one.code for one in (*found.findings, *of_noisy(found.estimates), *columns)}
+    columns = (one for each in found.estimates for one in column_findings(each))
+    return {one.code for one in (*found.findings, *noise_findings(found.estimates), *columns)}
 
 
 def test_a_good_bench_has_no_findings_and_true_claims(trials: Choose) -> None:
@@ -246,7 +246,7 @@ def test_a_good_bench_has_no_findings_and_true_claims(trials: Choose) -> None:
     for seed in claim.seeds:
         samples = bench(RUNS, seed=seed)
         assert not of_bench(samples)
-        found = still([samples], ["current"])
+        found = fit_still([samples], ["current"])
         assert found is not None
         error = found.disturbances[0].per_unit - PER_AMPERE
         nees.append(error @ np.linalg.solve(found.covariance, error) / 3.0)
@@ -262,7 +262,7 @@ def test_two_steps_only_are_named() -> None:
 
 def test_a_sensor_that_moved_once_is_named() -> None:
     moved = np.outer(np.arange(600) >= 250, [1.0, 0.5, 0.0])
-    found = still([bench(RUNS, moved=moved)], ["current"])
+    found = fit_still([bench(RUNS, moved=moved)], ["current"])
     assert found is not None
     assert found.step == pytest.approx(np.hypot(1.0, 0.5), rel=0.2)
     assert of_bench(bench(RUNS, moved=moved)) == {"bench-moved"}
@@ -282,7 +282,7 @@ def test_a_sensor_that_a_motor_lifts_is_named_by_the_vertical(seed: int) -> None
         down = np.stack([np.sin(leaning), 0.0 * leaning, -np.cos(leaning)], axis=1)
         felt = 9.81 * down + rng.normal(scale=0.05, size=down.shape)
         lifted = replace(bench(RUNS, seed=seed), acceleration=felt)
-        found = still([lifted], ["current"])
+        found = fit_still([lifted], ["current"])
         assert found is not None
         assert of_bench(lifted) == expected
         assert found.tilted_deg == pytest.approx(degrees, abs=0.15)

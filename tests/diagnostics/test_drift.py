@@ -21,7 +21,7 @@ from flinders.core.samples import Samples
 from flinders.diagnostics.systematic import drift_of
 from flinders.estimators import Readings, covariance
 from flinders.estimators.likelihood import Likelihood
-from flinders.geometry.ellipsoid import upper
+from flinders.geometry.ellipsoid import upper_entries
 from flinders.simulate import RATE_HZ, Sensor, tumble
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from flinders.diagnostics.systematic import Drift
     from flinders.fitting.result import Fit
 
-TRUTH: Final = np.concatenate([SENSOR.offset, 50.0 * upper(np.asarray(SENSOR.matrix))])
+TRUTH: Final = np.concatenate([SENSOR.offset, 50.0 * upper_entries(np.asarray(SENSOR.matrix))])
 SLIGHT: Final = 1e-4
 """Chance at which the verdict tells a change."""
 
@@ -209,7 +209,7 @@ def wandering(seed: int, size: float, seconds: float, n: int) -> Floats:
 def weighed(field: Floats, method: Likelihood | NumpyLikelihood) -> float:
     """Square of the error in units of the claimed covariance, over nine."""
     found = method.estimate(Readings.of(field))
-    off = np.concatenate([found.ellipsoid.centre, upper(found.ellipsoid.shape)]) - TRUTH
+    off = np.concatenate([found.ellipsoid.centre, upper_entries(found.ellipsoid.shape)]) - TRUTH
     return float(off @ np.linalg.solve(found.covariance, off)) / 9.0
 
 

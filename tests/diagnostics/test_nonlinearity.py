@@ -18,14 +18,14 @@ from flinders.core.joining import Joined
 from flinders.core.linearization import Linearization
 from flinders.diagnostics.systematic import AxisLag, nonlinearity_in
 from flinders.errors import ArrayError, NotExportable, UsageError
-from flinders.fitting.linearization import unchanged
-from flinders.geometry.ellipsoid import Ellipsoid, gathered, symmetric
+from flinders.fitting.linearization import unchanged_reason
+from flinders.geometry.ellipsoid import Ellipsoid, parameter_derivatives, symmetric_matrix
 from flinders.geometry.sphere import fibonacci
 from flinders.likelihood.magnitude import distances, information
 from flinders.likelihood.site_field import Site
 from flinders.native.engine import engine
 from flinders.simulate import tumble
-from flinders.summary.coverage import CELLS
+from flinders.summary.coverage import CELL_CENTRES
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -123,7 +123,7 @@ def test_what_is_not_known_of_the_terms_agrees_with_least_squares() -> None:
     """Of white noise: what terms do in the mean over all directions is in the covariance, the rest in the sigma."""
     field = tumble(seed=4, n=2000, motion="uniform").samples.field
     plain, record = (engine().fit(field, statistics=statistics, robust=0) for statistics in (1, 2))
-    surface = Ellipsoid(record["centre"], symmetric(record["shape"]))
+    surface = Ellipsoid(record["centre"], symmetric_matrix(record["shape"]))
     directions = np.linalg.solve(surface.shape, (field - surface.centre).T)
     directions /= np.linalg.norm(directions, axis=0)
     jacobian = information(directions.T, surface)
@@ -138,12 +138,12 @@ def test_what_is_not_known_of_the_terms_agrees_with_least_squares() -> None:
     added = (record["covariance"] - plain["covariance"]).reshape(9, 9)
     npt.assert_allclose(added, steps @ of_terms @ steps.T, atol=2e-3 * np.abs(added).max())
     angles = []
-    for direction in CELLS:
+    for direction in CELL_CENTRES:
         moved = (
             np.diag(displacements(surface, direction[:, np.newaxis])[0, :3]),
             np.diag(displacements(surface, direction[:, np.newaxis])[0, 3:]),
         )
-        left = np.hstack(moved) - gathered(np.eye(3), np.tile(direction, (3, 1)).T) @ image
+        left = np.hstack(moved) - parameter_derivatives(np.eye(3), np.tile(direction, (3, 1)).T) @ image
         turned = (np.eye(3) - np.outer(direction, direction)) @ np.linalg.solve(surface.shape, left)
         angles.append(np.linalg.eigvalsh(turned @ of_terms @ turned.T)[-1])
     assert record["is_white"]
@@ -208,14 +208,14 @@ def test_a_disturbed_reading_does_not_fold_back() -> None:
 def test_why_nothing_was_linearized_is_said() -> None:
     fit = flinders.fit(curved(7), linearize=True)
     assert fit.evidence.diagnosis.nonlinearity is not None
-    assert_sentences(unchanged(fit))
+    assert_sentences(unchanged_reason(fit))
     likely, lag = (
         replace(fit.evidence.diagnosis.nonlinearity, p_value=1e-6),
         AxisLag((0.02, -0.01, -0.01), True, 0.5, 1e-9),
     )
     for axis_lag in (None, lag):
         diagnosis = replace(fit.evidence.diagnosis, nonlinearity=likely, axis_lag=axis_lag)
-        assert_sentences(unchanged(replace(fit, evidence=replace(fit.evidence, diagnosis=diagnosis))))
+        assert_sentences(unchanged_reason(replace(fit, evidence=replace(fit.evidence, diagnosis=diagnosis))))
 
 
 def displacements(surface: Ellipsoid, directions: Floats) -> Floats:

@@ -92,7 +92,9 @@ def test_an_offset_that_moved_by_3_microtesla_is_refused_naming_both(trials: Cho
         assert (finding.severity, finding.limit) == ("refuses", 1.0)
         assert finding.number > 2.0
         assert caught.value.fit.evidence.diagnosis.repeats is not None
-        assert caught.value.fit.evidence.diagnosis.repeats.farthest.offset_difference == pytest.approx(3.0, abs=0.3)
+        assert caught.value.fit.evidence.diagnosis.repeats.most_deviating.offset_difference == pytest.approx(
+            3.0, abs=0.3
+        )
         assert caught.value.evidence["recordings-differ"] == finding.number
 
 
@@ -134,7 +136,7 @@ def test_of_three_recordings_the_one_that_moved_is_named(which: int, trials: Cho
         assert finding.advice.startswith(f"{which}.csv is ")
         assert "off the other recordings (1." in finding.advice
         assert fit.evidence.diagnosis.repeats is not None
-        assert fit.evidence.diagnosis.repeats.farthest.source == f"{which}.csv"
+        assert fit.evidence.diagnosis.repeats.most_deviating.source == f"{which}.csv"
 
 
 def test_a_recording_too_short_to_stand_alone_is_passed_over() -> None:

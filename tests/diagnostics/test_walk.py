@@ -14,7 +14,14 @@ from tests.sentences import assert_sentences
 import flinders
 from flinders import simulate
 from flinders.core.compensation import Compensator
-from flinders.diagnostics.random_walk import RandomWalk, _filtered, _smoothed, _Spans, random_walk_of, walk_through
+from flinders.diagnostics.random_walk import (
+    RandomWalk,
+    _run_filter,
+    _run_smoother,
+    _Spans,
+    random_walk_of,
+    walk_through,
+)
 from flinders.errors import NeedsSamples, TooFewSamples
 from flinders.estimators.disturbance import fit_disturbances
 from flinders.fitting.result import Refused
@@ -68,7 +75,7 @@ def test_a_step_shows_when_it_came_and_how_far() -> None:
     far = np.linalg.norm(walk.path - walk.path[0], axis=1)
     halfway = walk.time[np.argmax(far > walk.offset_change / 2.0)]
     assert halfway == pytest.approx(30.0, abs=6.0)
-    bars = walk.drawn(20)
+    bars = walk.to_bars(20)
     assert bars[0] == "▁"
     assert bars[-1] == "█"
 
@@ -136,8 +143,8 @@ def test_sizes_of_a_walk_are_as_likely_as_the_whole_covariance_of_its_path_makes
     normals, time, radius = rng.normal(size=(8, 5, 3)), np.arange(8.0) * 3.0, 20.0
     spans = _Spans(time, np.einsum("kni,knj->kij", normals, normals), rng.normal(size=(8, 3)) * 3.0)
     sizes = np.array([0.0, 0.1, 1.0, 5.0])
-    found = _filtered(spans, sizes, radius)
-    smooth, covariances = _smoothed(found)
+    found = _run_filter(spans, sizes, radius)
+    smooth, covariances = _run_smoother(found)
     information = block_diag(*spans.information)
     for place, q in enumerate(sizes):
         prior = np.kron((0.1 * radius) ** 2 + q**2 * np.minimum.outer(time, time), np.eye(3))

@@ -16,13 +16,18 @@ from tests.trials import daily, nightly
 
 import flinders
 from flinders import simulate
-from flinders.cli._calibrate_options import recorded
-from flinders.core.axes import TURNS, Axes
-from flinders.diagnostics.instruments import circular, of_instruments, one_axis, wrong_dip
+from flinders.cli._calibrate_options import split_recorded_names
+from flinders.core.axes import AXIS_ROTATIONS, Axes
+from flinders.diagnostics.instruments import (
+    compass_yaw_mistake,
+    instrument_mistakes,
+    one_axis_mistakes,
+    wrong_dip_mistake,
+)
 from flinders.errors import UsageError
-from flinders.estimators.aiding import solve
-from flinders.estimators.mounting import by_rate, by_vertical
-from flinders.fitting.aid_selection import aided_by
+from flinders.estimators.aiding import fit_aided
+from flinders.estimators.mounting import fit_accelerometer_axes, fit_gyro_axes
+from flinders.fitting.aid_selection import fit_with_aids
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood.site_field import Site
 
@@ -37,7 +42,7 @@ def named(case: str, motion: str, seed: int, strength: float) -> list[str]:
     samples = CASES[case][0](motion, seed, strength).samples
     middle = samples.field.mean(axis=0)
     about = Ellipsoid(middle, 50.0 * np.eye(3))
-    return [mistake.code for mistake in of_instruments(samples, about, ("rate", "dip"))[1]]
+    return [mistake.code for mistake in instrument_mistakes(samples, about, ("rate", "dip"))[1]]
 
 
 @pytest.mark.parametrize("motion", [*MOTIONS, "drive"])
@@ -61,19 +66,19 @@ def test_a_gyro_with_exchanged_or_mirrored_axes_is_named(motion: str, case: str,
 def test_an_accelerometer_with_exchanged_axes_contradicts_the_gyro_and_is_left_out(motion: str) -> None:
     attack = CASES["axes"][0](motion, 1, 1)
     about = Ellipsoid(attack.samples.field.mean(axis=0), 50.0 * np.eye(3))
-    axes, [mistake] = of_instruments(attack.samples, about, ("rate", "dip"))
+    axes, [mistake] = instrument_mistakes(attack.samples, about, ("rate", "dip"))
     assert axes is None
     assert (mistake.code, mistake.aid, mistake.drops) == ("swapped-axes", "dip", True)
     assert_sentences(mistake.words)
 
 
-@pytest.mark.parametrize("turn", TURNS[1::5], ids=str)
+@pytest.mark.parametrize("turn", AXIS_ROTATIONS[1::5], ids=str)
 def test_how_the_magnetometer_sits_is_found_whichever_way_it_is(turn: flinders.Axes) -> None:
     true = simulate.tumble(seed=2, motion="swayed", n=1000)
     rate, acceleration = turn.apply(true.samples.rate), turn.apply(true.samples.acceleration)  # type: ignore[arg-type]
     turned = replace(true.samples, rate=rate, acceleration=acceleration)
     about = Ellipsoid(true.sensor.offset, true.field_strength * np.asarray(true.sensor.matrix))
-    assert by_rate(turned, about).axes == by_vertical(turned, about).axes == turn
+    assert fit_gyro_axes(turned, about).axes == fit_accelerometer_axes(turned, about).axes == turn
 
 
 @pytest.mark.parametrize("axis", daily([0, 1, 2]))
@@ -84,7 +89,7 @@ def test_a_mirrored_axis_is_named_with_the_axes_that_mend_it(motion: str, axis: 
     code, axes = attack.code.split()
     assert code == "mirrored-axis"
     assert codes_of(attack) == (attack.code,)
-    mended = replace(attack, samples=attack.samples.turned(Axes.of(axes)))
+    mended = replace(attack, samples=attack.samples.map_axes(Axes.of(axes)))
     assert codes_of(mended) == ()
 
 
@@ -93,7 +98,7 @@ def test_without_the_place_half_a_turn_and_a_mirrored_axis_are_both_said() -> No
     mirrored = replace(true.samples, field=true.samples.field * [1.0, -1.0, 1.0])
     about = Ellipsoid(true.sensor.offset * [1.0, -1.0, 1.0], true.field_strength * np.eye(3))
     for is_signed, seat in ((False, "half-turned"), (True, "clear")):
-        axes, mistakes = of_instruments(mirrored, about, ("rate", "dip"), is_signed=is_signed)
+        axes, mistakes = instrument_mistakes(mirrored, about, ("rate", "dip"), is_signed=is_signed)
         assert str(axes) == "-x,y,-z"
         assert {one.finding.values["seat"] for one in mistakes} == {seat}
 
@@ -106,7 +111,7 @@ def test_a_right_handed_sensor_at_right_angles_is_not_called_mirrored(motion: st
 @pytest.mark.parametrize("motion", daily(["swayed", "hand", "rocked"]))
 def test_a_yaw_from_this_compass_is_named_whatever_the_motion(motion: str) -> None:
     attack = CASES["compass"][0](motion, 0, 10.0)
-    found = circular(attack.samples, solve(attack.samples, ("tilt",)), 60.0)
+    found = compass_yaw_mistake(attack.samples, fit_aided(attack.samples, ("tilt",)), 60.0)
     assert found is not None
     assert found.code == "circular-attitude"
 
@@ -115,7 +120,7 @@ def test_a_yaw_from_this_compass_is_named_whatever_the_motion(motion: str) -> No
 def test_a_mounting_five_degrees_off_is_no_circular_attitude(motion: str) -> None:
     """The attitude is that of the accelerometer's axes; nothing else is asked for that would see how it sits."""
     attack = CASES["good"][0](motion, 3, 0.0)
-    assert circular(attack.samples, solve(attack.samples, ()), 60.0) is None
+    assert compass_yaw_mistake(attack.samples, fit_aided(attack.samples, ()), 60.0) is None
 
 
 @pytest.mark.parametrize("north_km", [-1000.0, nightly(1000.0)])
@@ -128,15 +133,15 @@ def test_a_site_a_thousand_kilometres_off_is_named_and_does_not_bend_the_fit(nor
 
 
 def test_an_accelerometer_upside_down_is_told_from_another_place() -> None:
-    assert "upside down" in wrong_dip(-59.0, Site(None, 60.0)).words
-    assert "check place" in wrong_dip(50.0, Site(None, 60.0)).words
+    assert "upside down" in wrong_dip_mistake(-59.0, Site(None, 60.0)).words
+    assert "check place" in wrong_dip_mistake(50.0, Site(None, 60.0)).words
 
 
 def test_noise_of_a_slow_gyro_is_no_turning_about_a_second_axis() -> None:
     rng = np.random.default_rng(1)
     slow = np.outer(0.05 * np.sin(np.arange(2000) * 0.01), [0.0, 0.0, 1.0]) + rng.normal(0.0, 0.005, (2000, 3))
-    assert [mistake.code for mistake in one_axis(slow)] == ["one-axis"]
-    assert one_axis(slow + np.outer(0.05 * np.cos(np.arange(2000) * 0.01), [1.0, 0.0, 0.0])) == []
+    assert [mistake.code for mistake in one_axis_mistakes(slow)] == ["one-axis"]
+    assert one_axis_mistakes(slow + np.outer(0.05 * np.cos(np.arange(2000) * 0.01), [1.0, 0.0, 0.0])) == []
 
 
 @pytest.mark.parametrize("what", ["zero", "of a twentieth of the readings", "of another time"])
@@ -149,7 +154,7 @@ def test_a_gyro_that_does_not_go_with_the_field_is_left_out(what: str) -> None:
         "of another time": rate[::-1].copy(),
     }[what]
     about = Ellipsoid(true.sensor.offset, true.field_strength * np.asarray(true.sensor.matrix))
-    _, [mistake] = of_instruments(replace(true.samples, rate=wrong), about, ("rate", "dip"))
+    _, [mistake] = instrument_mistakes(replace(true.samples, rate=wrong), about, ("rate", "dip"))
     assert (mistake.code, mistake.aid, mistake.drops) == ("gyro-differs", "rate", True)
 
 
@@ -165,7 +170,7 @@ def test_an_empty_column_is_named_and_left_out(column: str, aid: str) -> None:
 def test_time_that_goes_back_leaves_the_gyro_out() -> None:
     true = simulate.tumble(seed=6, motion="swayed", n=300)
     back = replace(true.samples, time=np.asarray(true.samples.time)[::-1].copy())
-    _, [mistake] = of_instruments(back, Ellipsoid(true.sensor.offset, 50.0 * np.eye(3)), ("rate",))
+    _, [mistake] = instrument_mistakes(back, Ellipsoid(true.sensor.offset, 50.0 * np.eye(3)), ("rate",))
     assert (mistake.code, mistake.number) == ("aid-empty", 0)
 
 
@@ -176,12 +181,12 @@ def test_a_current_that_only_has_noise_is_named(trials: Choose) -> None:
 
 def test_with_needs_a_name() -> None:
     with assert_raises(UsageError):
-        recorded([""])
+        split_recorded_names([""])
 
 
 def test_an_aid_with_which_a_fit_goes_astray_is_left_out_and_named() -> None:
     """A drive that leans in bends, and a fit that knows too little by itself to see it."""
     attack = CASES["leaning"][0]("drive", 11, 0.0)
-    best, aiding = aided_by(attack.samples, attack.aiding)
+    best, aiding = fit_with_aids(attack.samples, attack.aiding)
     assert best.aiding == ()
     assert [(one.code, one.drops) for one in aiding.mistakes] == [("aid-diverged", True)]

@@ -13,7 +13,7 @@ from flinders.errors import FitError, MissingPose, TooFewSamples
 from flinders.estimators.accelerometer_poses import AccelerometerEstimate, from_poses, from_readings
 from flinders.estimators.still_poses import StillPoses
 from flinders.geometry.sphere import fibonacci
-from flinders.heading.tilt_error import turns
+from flinders.heading.tilt_error import tilt_gradients
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -32,7 +32,7 @@ def estimated(sensor: FlawedAccelerometer, seed: int, attitudes: Floats) -> Acce
 
 def tilts_deg(found: AccelerometerEstimate, off: Floats) -> Floats:
     """(N,) how far errors that are left turn the vertical, in attitudes all over."""
-    turned: Floats = np.rad2deg(np.linalg.norm(turns(found.errors, fibonacci(200)) @ off, axis=1))
+    turned: Floats = np.rad2deg(np.linalg.norm(tilt_gradients(found.errors, fibonacci(200)) @ off, axis=1))
     return turned
 
 
@@ -51,7 +51,7 @@ def test_errors_are_found_within_their_covariance_and_the_tilt_within_its_claim(
         tilts = tilts_deg(found, off)
         covered.append(tilts.max() <= found.tilt_error.bound_95)
         squares.append(np.mean(tilts**2) / found.tilt_error.rms**2)
-        assert found.sees_misalignment == sees
+        assert found.has_misalignment == sees
     low, high = several.ratios(0.96, 1.04)
     assert low < np.mean(nees) < high
     assert np.mean(covered) > 0.95 - 0.016 * several.widening
@@ -98,7 +98,7 @@ def test_poses_at_any_attitude_tell_all_without_a_side_among_them() -> None:
     found = estimated(sensor, 5, attitudes)
     off = found.errors - sensor.in_scale(found.scale)
     assert np.all(np.abs(off) < 4.0 * np.sqrt(np.diag(found.covariance)))
-    assert found.sees_misalignment
+    assert found.has_misalignment
     assert found.tilt_error.bound_95 < 0.5
 
 

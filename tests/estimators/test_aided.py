@@ -15,14 +15,14 @@ from tests.worlds import SOFT_IRON
 import flinders
 from flinders import simulate
 from flinders.errors import UsageError
-from flinders.estimators.aiding import solve
+from flinders.estimators.aiding import fit_aided
 from flinders.estimators.data import Readings
 from flinders.estimators.likelihood import Likelihood
-from flinders.fitting.aid_selection import aided_by
+from flinders.fitting.aid_selection import fit_with_aids
 from flinders.fitting.fit_json import json_of
 from flinders.fitting.result import document_of
-from flinders.geometry.ellipsoid import upper
-from flinders.geometry.quaternions import of_angles, of_matrix, product
+from flinders.geometry.ellipsoid import upper_entries
+from flinders.geometry.quaternions import from_angles, from_matrix, product
 from flinders.geometry.rotation import rotations
 from flinders.heading.error_propagation import level_turn
 from flinders.likelihood.site_field import Site
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
-    from flinders.estimators.aiding import Aided
+    from flinders.estimators.aiding import AidedFit
     from flinders.simulate import Simulated
 
 IMU = simulate.Imu(gyro_bias=np.array([0.02, -0.01, 0.015]))
@@ -48,7 +48,7 @@ def shape_of(true: Simulated) -> Floats:
     return true.field_strength * true.sensor.matrix
 
 
-def heading_error_deg(found: Aided, true: Simulated) -> float:
+def heading_error_deg(found: AidedFit, true: Simulated) -> float:
     """Rms over a level turn, its mean removed."""
     _, fields = level_turn(DIP_DEG)
     corrected = found.corrected(true.sensor.offset + fields.T @ shape_of(true).T).T
@@ -56,10 +56,10 @@ def heading_error_deg(found: Aided, true: Simulated) -> float:
     return float(np.rad2deg(np.sqrt(np.mean(np.angle(error / error.mean()) ** 2))))
 
 
-def squares(found: Aided, true: Simulated) -> Floats:
+def squares(found: AidedFit, true: Simulated) -> Floats:
     """Errors of offset, shape, rotation and gyro bias in their claimed standard deviations, squared."""
     at = found.parameters
-    errors = [at.offset - true.sensor.offset, upper(at.shape - shape_of(true))]
+    errors = [at.offset - true.sensor.offset, upper_entries(at.shape - shape_of(true))]
     columns = [slice(0, 3), slice(3, 9)]
     if "rotation" in found.layout:
         turned = at.rotation
@@ -74,7 +74,7 @@ def squares(found: Aided, true: Simulated) -> Floats:
 
 def test_without_aids_it_is_the_likelihood() -> None:
     true = swayed(1)
-    alone, plain = solve(true.samples, ()), Likelihood().estimate(Readings.of(true.samples.field))
+    alone, plain = fit_aided(true.samples, ()), Likelihood().estimate(Readings.of(true.samples.field))
     assert plain.textbook is not None  # turns about few axes claim a field that varies with the place, too
     sigma = np.sqrt(np.diag(plain.textbook))
     assert np.all(np.abs(alone.ellipsoid.parameters - plain.ellipsoid.parameters) < 0.05 * sigma)
@@ -94,7 +94,7 @@ def test_each_aid_improves_the_heading_and_all_of_them_most() -> None:
     for seed in range(3):
         true = swayed(seed)
         for terms in errors:
-            found = solve(true.samples, terms, gyro_scale=0.0, acceleration_bias=0.0)
+            found = fit_aided(true.samples, terms, gyro_scale=0.0, acceleration_bias=0.0)
             errors[terms] += heading_error_deg(found, true) ** 2
     alone = errors.pop(())
     assert all(np.sqrt(squared / alone) < 0.8 for squared in errors.values())
@@ -106,7 +106,7 @@ def test_the_claimed_covariance_is_true(terms: tuple[str, ...], trials: Choose) 
     """30 trials a term; 200 of each in ``python -m benchmarks.terms``."""
     claim = trials(30, 4)
     drawn = [(swayed(100 + seed, 600), np.random.default_rng(seed).normal(0.0, 0.3, 3)) for seed in claim.seeds]
-    found = [squares(solve(leaning(true.samples, bias), terms), true) for true, bias in drawn]
+    found = [squares(fit_aided(leaning(true.samples, bias), terms), true) for true, bias in drawn]
     low, high = claim.ratios(0.55, 1.5)
     assert low < np.mean(found) < high
 
@@ -128,7 +128,7 @@ def test_the_motion_of_magyc_with_five_degrees_of_tilt() -> None:
         sensor.read(field, rng), unit="uT", time=turning.time,
         rate=turning.rate + imu.gyro_bias + imu.gyro_noise * rng.standard_normal(field.shape),
     )  # fmt: skip
-    found = solve(samples, ("rate",))
+    found = fit_aided(samples, ("rate",))
     assert float(np.linalg.norm(found.parameters.offset - sensor.offset)) < 4.5
     assert found.noise == pytest.approx(noise, rel=0.03)
 
@@ -137,7 +137,7 @@ def test_a_level_turn_with_strength_and_dip_of_the_site() -> None:
     true = simulate.tumble(
         seed=4, motion="level", n=500, dip_deg=DIP_DEG, sensor=simulate.Sensor(offset=np.array([8.0, -5.0, 3.0]))
     )
-    found = solve(true.samples, ("dip",), site=Site(50.0, DIP_DEG, 0.05, 1.0), acceleration_bias=0.0)
+    found = fit_aided(true.samples, ("dip",), site=Site(50.0, DIP_DEG, 0.05, 1.0), acceleration_bias=0.0)
     assert heading_error_deg(found, true) < 0.1
     assert float(np.abs(found.parameters.offset - true.sensor.offset)[:2].max()) < 0.3
 
@@ -150,13 +150,13 @@ def test_it_finds_how_the_sensor_is_mounted_and_how_late_it_is() -> None:
         rate=true.samples.rate @ mounted.T,
         acceleration=true.samples.acceleration @ mounted.T,
     )
-    found = solve(late[:-1], ("rate", "dip"))
+    found = fit_aided(late[:-1], ("rate", "dip"))
     assert found.rotation_covariance is not None
     away = found.parameters.rotation @ mounted.T
     angle = np.array([away[2, 1], away[0, 2], away[1, 0]])
     assert np.all(np.abs(angle) < 4.0 * np.sqrt(np.diag(found.rotation_covariance)))
     shifted = replace(late, field=np.roll(late.field, 3, axis=0))[5:]  # three readings behind
-    delay = solve(shifted, ("rate",))
+    delay = fit_aided(shifted, ("rate",))
     sigma = delay.of("delay")
     assert sigma is not None
     assert delay.parameters.delay == pytest.approx(0.06, abs=4.0 * float(np.sqrt(sigma[0, 0])))
@@ -164,12 +164,12 @@ def test_it_finds_how_the_sensor_is_mounted_and_how_late_it_is() -> None:
 
 def test_an_attitude_gives_the_whole_matrix() -> None:
     true = swayed(5)
-    attitude = of_matrix(true.attitudes)  # type: ignore[arg-type]
-    found = solve(
+    attitude = from_matrix(true.attitudes)  # type: ignore[arg-type]
+    found = fit_aided(
         replace(true.samples, attitude=attitude), ("attitude",), site=Site(None, DIP_DEG, inclination_sigma_deg=1.0)
     )
     assert heading_error_deg(found, true) < 0.1
-    assert found.sees_rotation
+    assert found.has_rotation
     npt.assert_allclose(found.parameters.direction, [0.5, 0.0, np.sqrt(0.75)], atol=0.01)
 
 
@@ -178,11 +178,11 @@ def test_strays_are_left_out() -> None:
     true = swayed(7)
     field = true.samples.field.copy()
     field[200:210] += 40.0
-    found = solve(replace(true.samples, field=field), ("rate", "dip"))
+    found = fit_aided(replace(true.samples, field=field), ("rate", "dip"))
     assert found.outliers.tolist() == list(range(200, 210))
 
 
-def offset_squares(found: Aided, true: Simulated) -> Floats:
+def offset_squares(found: AidedFit, true: Simulated) -> Floats:
     """Errors of the offset in their claimed standard deviations, squared."""
     return (found.parameters.offset - true.sensor.offset) ** 2 / np.diag(found.covariance)[:3]
 
@@ -190,7 +190,7 @@ def offset_squares(found: Aided, true: Simulated) -> Floats:
 def with_attitudes(true: Simulated, seed: int) -> Samples:
     """The readings with attitudes that are off by a degree about each axis."""
     errors = rotations(np.random.default_rng(seed).normal(0.0, 0.0175, (len(true.samples), 3)))
-    return replace(true.samples, attitude=of_matrix(true.attitudes @ errors))  # type: ignore[operator]
+    return replace(true.samples, attitude=from_matrix(true.attitudes @ errors))  # type: ignore[operator]
 
 
 def test_a_magnet_that_passes_a_drive_does_not_pull_its_offset(trials: Choose) -> None:
@@ -198,7 +198,7 @@ def test_a_magnet_that_passes_a_drive_does_not_pull_its_offset(trials: Choose) -
     claim = trials(8, 2)
     magnet = simulate.PassingMagnet(100.0)
     drives = [simulate.tumble(seed, motion="drive", n=5000, disturbances=[magnet]) for seed in claim.seeds]
-    found = [offset_squares(solve(with_attitudes(true, 1), ("attitude",)), true) for true in drives]
+    found = [offset_squares(fit_aided(with_attitudes(true, 1), ("attitude",)), true) for true in drives]
     low, high = claim.ratios(0.5, 1.7)
     assert low < np.mean(found) < high
 
@@ -207,7 +207,7 @@ def test_a_magnet_that_is_near_for_a_tenth_of_a_drive_does_not_pull_its_offset(t
     """Half a minute, of which the magnet holds the vertical more than all other readings do."""
     claim, magnet = trials(6, 2), simulate.PassingMagnet(100.0)
     drives = [simulate.tumble(seed, motion="drive", n=1500, disturbances=[magnet]) for seed in (2, 8, 4, 7, 9, 10)]
-    found = [offset_squares(solve(with_attitudes(true, 1), ("attitude",)), true) for true in drives[: claim.count]]
+    found = [offset_squares(fit_aided(with_attitudes(true, 1), ("attitude",)), true) for true in drives[: claim.count]]
     low, high = claim.ratios(0.4, 2.0)
     assert low < np.mean(found) < high
 
@@ -220,17 +220,17 @@ def test_what_is_left_of_a_magnet_far_away_is_claimed(trials: Choose) -> None:
     for seed in claim.seeds:
         true = simulate.tumble(seed, n=4000)
         samples = replace(true.samples, field=true.samples.field + np.outer(field, [0.6, 0.0, -0.8]))
-        found.append(offset_squares(solve(samples, ("dip",)), true))
+        found.append(offset_squares(fit_aided(samples, ("dip",)), true))
     assert np.mean(found) < claim.ratios(0.5, 1.7)[1]
 
 
 def codes(samples: flinders.Samples, aiding: tuple[str, ...], site: Site | None = None) -> list[str]:
-    return [mistake.code for mistake in aided_by(samples, aiding, site=site)[1].mistakes]
+    return [mistake.code for mistake in fit_with_aids(samples, aiding, site=site)[1].mistakes]
 
 
 def test_a_gyro_in_degrees_is_named_and_not_used() -> None:
     true = swayed(8)
-    found, aiding = aided_by(replace(true.samples, rate=np.rad2deg(true.samples.rate)), ("rate",))  # type: ignore[arg-type]
+    found, aiding = fit_with_aids(replace(true.samples, rate=np.rad2deg(true.samples.rate)), ("rate",))  # type: ignore[arg-type]
     assert [mistake.code for mistake in aiding.mistakes] == ["gyro-unit"]
     assert "°/s" in aiding.mistakes[0].words
     assert found.aiding == ()
@@ -262,11 +262,11 @@ def test_turning_about_one_axis_is_named() -> None:
 
 def test_an_attitude_from_the_same_compass_is_named_and_not_used() -> None:
     true = swayed(12)
-    known = of_matrix(true.attitudes)  # type: ignore[arg-type]
+    known = from_matrix(true.attitudes)  # type: ignore[arg-type]
     heading = np.arctan2(true.attitudes[:, 1, 0], true.attitudes[:, 0, 0])  # type: ignore[index]
     zeros = np.zeros_like(heading)
     deviation = np.stack([zeros, zeros, np.radians(12.0) * np.sin(heading + 0.4)], axis=1)
-    circular = replace(true.samples, attitude=product(of_angles(deviation), known))
+    circular = replace(true.samples, attitude=product(from_angles(deviation), known))
     assert codes(circular, ("dip", "attitude")) == ["circular-attitude"]
     assert codes(replace(circular, attitude=known), ("dip", "attitude")) == []
 
@@ -290,9 +290,9 @@ def test_fit_takes_aids_and_says_what_each_changed() -> None:
 def test_what_is_missing_is_named() -> None:
     true = swayed(14, 200)
     with assert_raises(UsageError):
-        solve(true.samples, ("attitude",))
+        fit_aided(true.samples, ("attitude",))
     with assert_raises(UsageError):
-        solve(true.samples, ("sonar",))
+        fit_aided(true.samples, ("sonar",))
     with assert_raises(UsageError):
         flinders.fit(true.samples, aiding="auto", method="minmax")
 

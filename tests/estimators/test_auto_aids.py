@@ -13,10 +13,10 @@ from tests.trials import nightly
 
 import flinders
 from flinders import simulate
-from flinders.estimators.aiding import solve
-from flinders.fitting.aid_selection import aided_by
-from flinders.fitting.disturbance_selection import earned
-from flinders.geometry.quaternions import of_matrix
+from flinders.estimators.aiding import fit_aided
+from flinders.fitting.aid_selection import fit_with_aids
+from flinders.fitting.disturbance_selection import select_disturbances
+from flinders.geometry.quaternions import from_matrix
 from flinders.geometry.rotation import rotations
 from flinders.heading.error_propagation import level_turn
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from flinders.core.samples import Samples
-    from flinders.estimators.aiding import Aided
+    from flinders.estimators.aiding import AidedFit
     from flinders.simulate import Simulated
 
 IMU: Final = simulate.Imu(gyro_bias=np.array([0.02, -0.01, 0.015]))
@@ -38,7 +38,7 @@ def swayed(seed: int) -> Simulated:
     return simulate.tumble(seed=seed, motion="swayed", n=1500, imu=IMU)
 
 
-def heading_error_deg(found: Aided, true: Simulated) -> float:
+def heading_error_deg(found: AidedFit, true: Simulated) -> float:
     """Rms over a level turn, its mean removed, in the magnetometer's own axes."""
     _, fields = level_turn(60.0)
     readings = true.sensor.offset + true.field_strength * fields.T @ np.asarray(true.sensor.matrix).T
@@ -88,27 +88,27 @@ def test_an_aid_that_helps_is_kept(spoilt: Callable[[Samples], Samples], kept: t
     """A vertical that is late while the body turns, or shaken by a third of gravity, claims nothing beside the gyro."""
     true = swayed(2)
     samples = spoilt(true.samples)
-    found, aiding = aided_by(samples, "auto", acceleration_bias=0.0)
+    found, aiding = fit_with_aids(samples, "auto", acceleration_bias=0.0)
     assert found.aiding == kept
-    assert heading_error_deg(found, true) < 0.5 * heading_error_deg(solve(samples, ()), true)
+    assert heading_error_deg(found, true) < 0.5 * heading_error_deg(fit_aided(samples, ()), true)
     assert all(aid.after_deg < aid.before_deg for aid in aiding.sensors if aid.is_used)
 
 
 def test_an_accelerometer_of_unknown_bias_adds_nothing_to_a_gyro() -> None:
-    _, aiding = aided_by(swayed(2).samples, "auto")
+    _, aiding = fit_with_aids(swayed(2).samples, "auto")
     assert [aid.name for aid in aiding.sensors if aid.is_used] == ["rate"]
     assert_sentences(aiding.sensors[1].reason)
 
 
 def test_the_scales_of_the_gyro_are_found() -> None:
     true = swayed(2)
-    found = solve(with_gyro_scales(true.samples), ("rate", "dip"))
+    found = fit_aided(with_gyro_scales(true.samples), ("rate", "dip"))
     covariance = found.of("gyro_scale")
     assert covariance is not None
     away = (1.0 + found.parameters.gyro_scale[:3]) * SCALES - 1.0
     assert np.all(np.abs(away) < 4.0 * np.sqrt(np.diag(covariance)[:3]))
     assert np.all(np.sqrt(np.diag(covariance)[:3]) < 0.01)
-    assert "gyro_scale" not in solve(true.samples, ("rate",), gyro_scale=0.0).layout
+    assert "gyro_scale" not in fit_aided(true.samples, ("rate",), gyro_scale=0.0).layout
 
 
 @pytest.mark.nightly
@@ -116,7 +116,7 @@ def test_a_gyro_that_knows_nothing_of_the_motion_is_left_out() -> None:
     true = swayed(2)
     assert true.samples.rate is not None
     mixed = replace(true.samples, rate=true.samples.rate[np.random.default_rng(1).permutation(1500)])
-    found, aiding = aided_by(mixed, "auto")
+    found, aiding = fit_with_aids(mixed, "auto")
     assert "rate" not in found.aiding
     assert aiding.sensors[0].reason
 
@@ -125,7 +125,7 @@ def test_a_gyro_that_knows_nothing_of_the_motion_is_left_out() -> None:
 def test_a_gyro_a_fifth_too_strong_is_left_out() -> None:
     true = swayed(2)
     assert true.samples.rate is not None
-    _, aiding = aided_by(replace(true.samples, rate=1.2 * true.samples.rate), "auto")
+    _, aiding = fit_with_aids(replace(true.samples, rate=1.2 * true.samples.rate), "auto")
     assert [aid.name for aid in aiding.sensors if aid.is_used] == ["dip"]
 
 
@@ -133,7 +133,7 @@ def test_an_accelerometer_that_points_anywhere_is_left_out() -> None:
     true = swayed(2)
     assert true.samples.acceleration is not None
     mixed = replace(true.samples, acceleration=true.samples.acceleration[np.random.default_rng(1).permutation(1500)])
-    found, aiding = aided_by(mixed, "auto")
+    found, aiding = fit_with_aids(mixed, "auto")
     assert found.aiding == ("rate",)
     assert [aid.name for aid in aiding.sensors if not aid.is_used] == ["dip"]
 
@@ -141,7 +141,7 @@ def test_an_accelerometer_that_points_anywhere_is_left_out() -> None:
 @pytest.mark.nightly
 def test_an_accelerometer_in_coordinated_turns_is_left_out() -> None:
     flight = simulate.tumble(seed=1, motion="flight", n=1500, imu=IMU)
-    _, aiding = aided_by(flight.samples, "auto")
+    _, aiding = fit_with_aids(flight.samples, "auto")
     assert [aid.name for aid in aiding.sensors if aid.is_used] == ["rate"]
 
 
@@ -170,7 +170,7 @@ def test_a_current_that_does_nothing_is_left_out() -> None:
     quiet = simulate.tumble(seed=3, n=1500).samples
     current = 10.0 + 8.0 * np.sin(np.arange(1500) * 0.013)
     warm = replace(quiet, current=current, temperature=np.full(1500, 21.0))
-    names, told = earned(warm)
+    names, told = select_disturbances(warm)
     assert names == ()
     assert [(aid.name, aid.is_used) for aid in told] == [("current", False), ("temperature", False)]
     assert "hardly changed" in told[1].reason
@@ -193,4 +193,4 @@ def _with_attitude(motion: str, seed: int) -> Simulated:
     recording = simulate.tumble(seed=seed, motion=motion, n=1500)
     assert recording.attitudes is not None
     errors = rotations(np.random.default_rng(seed).normal(0.0, np.radians(1.0), (1500, 3)))
-    return replace(recording, samples=replace(recording.samples, attitude=of_matrix(recording.attitudes @ errors)))
+    return replace(recording, samples=replace(recording.samples, attitude=from_matrix(recording.attitudes @ errors)))

@@ -14,9 +14,9 @@ import pytest
 from tests.trials import daily
 
 from flinders import simulate
-from flinders.estimators.aiding import solve
-from flinders.geometry.ellipsoid import upper
-from flinders.geometry.quaternions import of_matrix
+from flinders.estimators.aiding import fit_aided
+from flinders.geometry.ellipsoid import upper_entries
+from flinders.geometry.quaternions import from_matrix
 from flinders.geometry.rotation import rotation_vectors
 from flinders.likelihood.site_field import Site
 
@@ -37,7 +37,7 @@ def drawn(seed: int) -> tuple[simulate.Simulated, Floats, Site]:
     true = simulate.tumble(rng, motion="swayed", n=READINGS, rate_hz=READINGS / 60.0, sensor=sensor, imu=imu)
     assert true.attitudes is not None
     shaken = simulate.turns(rng.normal(0.0, np.radians(ATTITUDE_DEG), (READINGS, 3)))
-    attitude = of_matrix(true.attitudes @ shaken)
+    attitude = from_matrix(true.attitudes @ shaken)
     strength, dip = 50.0 * (1.0 + rng.normal(0.0, 0.01)), 60.0 + rng.normal(0.0, 1.0)
     return true, attitude, Site(strength, dip, gain_sigma=0.01, inclination_sigma_deg=1.0)
 
@@ -45,9 +45,9 @@ def drawn(seed: int) -> tuple[simulate.Simulated, Floats, Site]:
 def scores(seed: int, terms: tuple[str, ...], *, is_known: bool) -> Floats:
     """(9 or 12,) errors of offset, shape and rotation in their claimed standard deviations."""
     true, attitude, site = drawn(seed)
-    found = solve(replace(true.samples, attitude=attitude), terms, site=site if is_known else None)
+    found = fit_aided(replace(true.samples, attitude=attitude), terms, site=site if is_known else None)
     at = found.parameters
-    errors = np.concatenate([at.offset - true.sensor.offset, upper(at.shape - 50.0 * true.sensor.matrix)])
+    errors = np.concatenate([at.offset - true.sensor.offset, upper_entries(at.shape - 50.0 * true.sensor.matrix)])
     if "rotation" in found.layout:
         errors = np.concatenate([errors, rotation_vectors(at.rotation[np.newaxis])[0]])
     return errors / np.sqrt(np.diag(found.covariance)[: len(errors)])

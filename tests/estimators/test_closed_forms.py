@@ -23,7 +23,7 @@ import pytest
 from flinders import simulate
 from flinders.estimators import Estimator, Readings
 from flinders.estimators.likelihood import Likelihood
-from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric_matrix, upper_entries
 from flinders.heading.error_propagation import level_error, level_turn
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ WANTED: Final = np.repeat(
 
 def results(ellipsoid: Ellipsoid) -> Floats:
     """(16,) offset, strength, entries 11, 22, 33, 12, 13, 23 of the matrix: determinant one, then strength given."""
-    radius, root = ellipsoid.radius, upper(np.linalg.inv(ellipsoid.shape))
+    radius, root = ellipsoid.radius, upper_entries(np.linalg.inv(ellipsoid.shape))
     return np.concatenate([ellipsoid.centre, [radius], radius * root, FIELD * root])
 
 
@@ -58,7 +58,7 @@ def trials() -> tuple[Floats, Floats, tuple[Ellipsoid, ...]]:
     rng = np.random.default_rng(12)
     found = []
     for _ in range(TRIALS):
-        directions = simulate.uniform(rng, N)
+        directions = simulate.uniform_directions(rng, N)
         field = FIELD * directions + [20.0, 120.0, 90.0] + SIGMA * rng.standard_normal((N, 3))
         found.append(METHOD.estimate(Readings.of(field)))
     return (
@@ -75,7 +75,7 @@ def claimed() -> Floats:
     columns = []
     for unit in 1e-4 * np.eye(9):
         up, down = (
-            results(Ellipsoid(sphere.centre + sign * unit[:3], sphere.shape + sign * symmetric(unit[3:])))
+            results(Ellipsoid(sphere.centre + sign * unit[:3], sphere.shape + sign * symmetric_matrix(unit[3:])))
             for sign in (1, -1)
         )
         columns.append((up - down) / 2e-4)

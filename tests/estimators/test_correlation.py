@@ -78,7 +78,7 @@ def test_white_residuals_leave_the_covariance_as_it_is(motion: str, trials: Choo
         if found.correlation.is_white:
             white += 1
             npt.assert_array_equal(found.covariance, found.textbook)
-            assert found.correlation.effective(1000) == 1000
+            assert found.correlation.independent_count(1000) == 1000
     assert white >= (1.0 - 0.2 * claim.widening) * claim.count
     assert float(np.mean(wider)) < 1.15**claim.widening
 

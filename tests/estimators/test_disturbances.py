@@ -27,8 +27,8 @@ from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.errors import InputError, NotTurned
 from flinders.estimators.disturbance import fit_disturbances
-from flinders.estimators.static_bench import still
-from flinders.fitting.disturbance_selection import earned
+from flinders.estimators.static_bench import fit_still
+from flinders.fitting.disturbance_selection import select_disturbances
 from flinders.fitting.fit_file import fit_from
 from flinders.fitting.result import Refused, document_of
 from flinders.simulate import recording
@@ -183,7 +183,7 @@ def bench(seed: int = 1) -> Samples:
 def test_on_the_bench_a_driver_is_found_without_a_turn(trials: Choose) -> None:
     nees, claim = [], trials(20, 6)
     for seed in claim.seeds:
-        found = still([bench(seed)], ["current"])
+        found = fit_still([bench(seed)], ["current"])
         assert found is not None
         error = found.disturbances[0].per_unit - PER_AMPERE
         nees.append(error @ np.linalg.solve(found.covariance, error) / 3.0)
@@ -194,8 +194,8 @@ def test_on_the_bench_a_driver_is_found_without_a_turn(trials: Choose) -> None:
 
 
 def test_what_is_turned_is_no_bench() -> None:
-    assert still([simulate.tumble(seed=1, disturbances=[MOTORS]).samples], ["current"]) is None
-    assert still([simulate.tumble(seed=1, motion="level", disturbances=[MOTORS]).samples], ["current"]) is None
+    assert fit_still([simulate.tumble(seed=1, disturbances=[MOTORS]).samples], ["current"]) is None
+    assert fit_still([simulate.tumble(seed=1, motion="level", disturbances=[MOTORS]).samples], ["current"]) is None
 
 
 # what others make of it
@@ -203,7 +203,7 @@ def test_what_is_turned_is_no_bench() -> None:
 
 def away(calibration: Calibration, motor: str, value: float) -> tuple[Floats, Floats]:
     """(N, 3) readings at a value of the motors in µT and mapped axes, and what they should become."""
-    field = calibration.field_strength * simulate.uniform(np.random.default_rng(1), 50)
+    field = calibration.field_strength * simulate.uniform_directions(np.random.default_rng(1), 50)
     return calibration.at(**{motor: value}).unapply(field), field
 
 
@@ -225,7 +225,7 @@ def test_each_target_follows_or_says_what_is_lost(name: str) -> None:
 def test_the_second_function_in_c_corrects_at_any_current_and_temperature(tmp_path: Path) -> None:
     found = given()
     values = {"current": 12.0, "temperature": 33.0}
-    field = found.field_strength * simulate.uniform(np.random.default_rng(1), 50)
+    field = found.field_strength * simulate.uniform_directions(np.random.default_rng(1), 50)
     raw = found.at(**values).unapply(field) @ found.axes.apply(np.eye(3)).T / found.raw.scale
     (tmp_path / "found.h").write_text(find("c").render(found).text)
     (tmp_path / "main.c").write_text(
@@ -322,7 +322,7 @@ def test_readings_that_hang_together_hide_no_driver_of_a_long_recording() -> Non
     from scipy.signal import lfilter
 
     rng = np.random.default_rng(2)
-    directions = simulate.uniform(rng, 60_000)
+    directions = simulate.uniform_directions(rng, 60_000)
     strength = 50.0 + lfilter([math.sqrt(1.0 - 0.95**2)], [1.0, -0.95], 0.5 * rng.normal(size=len(directions)))
     warmth = 20.0 + 10.0 * np.sin(np.linspace(0.0, 40.0 * np.pi, len(directions)))
     field = directions * strength[:, np.newaxis] + 0.1 * np.outer(warmth - 20.0, [1.0, 0.0, 0.0])
@@ -401,11 +401,11 @@ def test_the_battery_of_four_motors_leaves_what_they_do_apart() -> None:
 def test_motors_earn_their_place_one_by_one_where_they_make_fields_of_their_own() -> None:
     """And not where all make the same, for which the battery's current is enough."""
     samples = flown_by_four(6, 0.2, n=800)
-    names, reports = earned(samples)
+    names, reports = select_disturbances(samples)
     assert names == ("current1", "current2", "current3", "current4")
     assert [(one.name, one.is_used) for one in reports] == [("current", False), ("currents", True)]
     alike = simulate.Motors(np.tile(ARMS[0], (4, 1)), apart=0.2)
-    names, _ = earned(simulate.tumble(seed=6, n=800, sensor=OFFSET_SENSOR, disturbances=[alike]).samples)
+    names, _ = select_disturbances(simulate.tumble(seed=6, n=800, sensor=OFFSET_SENSOR, disturbances=[alike]).samples)
     assert names == ("current",)
 
 
@@ -439,7 +439,8 @@ def test_four_motors_go_through_table_calibration_file_and_command(tmp_path: Pat
     corrected = judged.calibration.apply(samples.field, currents=samples.currents)
     assert np.linalg.norm(corrected, axis=1).std() < 1.2 * OFFSET_SENSOR.noise
     one_by_one = {
-        disturbance.name: samples.driving(disturbance.name) for disturbance in judged.calibration.disturbances
+        disturbance.name: samples.disturbance_values(disturbance.name)
+        for disturbance in judged.calibration.disturbances
     }
     npt.assert_array_equal(judged.calibration.apply(samples.field, **one_by_one), corrected)
     told = CliRunner().invoke(main, ["info", str(tmp_path / "flight.csv"), "--json"])
@@ -465,7 +466,7 @@ def test_motors_run_one_after_the_other_on_a_bench_are_told_apart_and_all_at_onc
     for drawn, is_alike in ((apart, False), (at_once, True)):
         field = np.array([20.0, -5.0, 43.0]) + drawn @ ARMS[:2] + rng.normal(scale=0.2, size=(600, 3))
         metered = drawn + rng.normal(scale=0.01, size=drawn.shape)
-        found = still([Samples.of(field, unit="uT", time=np.arange(600) / 50.0, currents=metered)], ("currents",))
+        found = fit_still([Samples.of(field, unit="uT", time=np.arange(600) / 50.0, currents=metered)], ("currents",))
         assert found is not None
         error = np.concatenate([disturbance.per_unit for disturbance in found.disturbances]) - ARMS[:2].ravel()
         assert np.all(np.abs(error) < 4.0 * np.sqrt(np.diag(found.covariance)))

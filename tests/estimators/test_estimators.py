@@ -21,7 +21,7 @@ from flinders.estimators.auto import Auto
 from flinders.estimators.consistent import Consistent
 from flinders.estimators.likelihood import Likelihood
 from flinders.fitting.result import Refused
-from flinders.geometry.ellipsoid import upper
+from flinders.geometry.ellipsoid import upper_entries
 from flinders.simulate import Sensor, angle_error_deg, tumble
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ def test_sixty_coarse_readings_are_fitted_within_what_they_claim(trials: Choose)
         sensor = Sensor.random(np.random.default_rng(seed), noise=0.5, resolution=1.5)
         truth = tumble(seed=seed, motion="uniform", n=60, sensor=sensor)
         fit = flinders.fit(truth.samples)
-        off = np.concatenate([fit.calibration.offset, upper(fit.calibration.shape)]) - true_parameters(truth)
+        off = np.concatenate([fit.calibration.offset, upper_entries(fit.calibration.shape)]) - true_parameters(truth)
         weighed.append(off @ np.linalg.solve(fit.claim.covariance, off))
         angles.append(angle_error_deg(fit.calibration.matrix, fit.calibration.offset, truth))
     assert float(np.mean(weighed)) == pytest.approx(9.0, abs=4.0 * np.sqrt(18.0 / claim.count) + 1.0)
@@ -151,11 +151,11 @@ def test_readings_are_thinned_evenly_and_alike_however_they_come() -> None:
     samples = Samples.of(np.arange(30_000.0).reshape(-1, 3))
     whole, blocks = Readings.of(samples), Readings(Readings.of(samples).summary, Streamed(samples))
     for limit in (1, 7, 999, 1000, 3333, 9999, 10_000, 50_000):
-        thinned = whole.thinned(limit)
+        thinned = whole.thin(limit)
         assert len(thinned) <= limit
         assert len(thinned) >= min(limit, 10_000) / 2
         assert len(set(np.diff(thinned[:, 0]).tolist())) <= 1
-        assert np.array_equal(blocks.thinned(limit), thinned)
+        assert np.array_equal(blocks.thin(limit), thinned)
 
 
 def test_a_recording_too_long_to_hold_gives_the_fit_of_the_array(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -165,7 +165,7 @@ def test_a_recording_too_long_to_hold_gives_the_fit_of_the_array(monkeypatch: py
     held = flinders.fit(short)
     assert short.passes == 1
     npt.assert_allclose(held.calibration.offset, whole.calibration.offset, rtol=0, atol=1e-9)
-    monkeypatch.setattr(data, "HELD", 3000)
+    monkeypatch.setattr(data, "MAX_HELD_READINGS", 3000)
     long = Streamed(truth.samples)
     part = flinders.fit(long)
     assert long.passes > 1

@@ -54,7 +54,7 @@ def peak_of(recording: Long) -> int:
 
 @pytest.mark.parametrize("outliers", daily([0.01, 0.0]))
 def test_memory_does_not_grow_with_the_recording(outliers: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(data, "HELD", 20_000)
+    monkeypatch.setattr(data, "MAX_HELD_READINGS", 20_000)
     short, long = (peak_of(Long(blocks, outliers)) for blocks in (12, 36))
     assert long - short < 24 * 8192, "not one block more"
 
@@ -62,5 +62,5 @@ def test_memory_does_not_grow_with_the_recording(outliers: float, monkeypatch: p
 def test_a_part_of_a_recording_is_the_same_streamed_or_held() -> None:
     long = Long(9)
     whole = np.concatenate([block.field for block in long.blocks()])
-    streamed = Readings(Readings.of(whole).summary, long).thinned(20_000)
-    np.testing.assert_array_equal(streamed, Readings.of(whole).thinned(20_000))
+    streamed = Readings(Readings.of(whole).summary, long).thin(20_000)
+    np.testing.assert_array_equal(streamed, Readings.of(whole).thin(20_000))

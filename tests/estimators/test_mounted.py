@@ -15,19 +15,19 @@ import flinders
 from flinders import simulate
 from flinders.core.samples import Samples
 from flinders.errors import UsageError
-from flinders.estimators.aiding import solve
-from flinders.fitting.aid_selection import aided_by, claim_deg
+from flinders.estimators.aiding import fit_aided
+from flinders.fitting.aid_selection import claim_deg, fit_with_aids
 from flinders.fitting.result import Refused
-from flinders.geometry.quaternions import inverse, of_angles, rotated
+from flinders.geometry.quaternions import from_angles, inverse, rotate_vectors
 from flinders.geometry.rotation import rotation_vectors, rotations
 from flinders.likelihood.attitude import body_to_world
-from flinders.likelihood.joint import aligned
+from flinders.likelihood.joint import find_mounting
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from flinders.arrays import Floats
-    from flinders.estimators.aiding import Aided
+    from flinders.estimators.aiding import AidedFit
     from flinders.fitting.result import Fit
 
 NORTH = np.array([25.0, 0.0, 43.3])
@@ -36,7 +36,7 @@ NORTH = np.array([25.0, 0.0, 43.3])
 def attitudes(lean: float, n: int = 600) -> Floats:
     """A body that turns all round and leans by so much, rad, over 24 s."""
     time = np.arange(n) / 25.0
-    return of_angles(np.stack([lean * np.sin(0.61 * time), lean * np.sin(0.93 * time + 1.0), 0.7 * time], axis=1))
+    return from_angles(np.stack([lean * np.sin(0.61 * time), lean * np.sin(0.93 * time + 1.0), 0.7 * time], axis=1))
 
 
 def recorded(
@@ -46,17 +46,17 @@ def recorded(
     rng = np.random.default_rng(seed)
     n = len(attitude)
     back = inverse(attitude)
-    field = rotated(back, np.tile(NORTH, (n, 1))) @ turn + [10.0, -20.0, 5.0] + rng.normal(0.0, 0.4, (n, 3))
+    field = rotate_vectors(back, np.tile(NORTH, (n, 1))) @ turn + [10.0, -20.0, 5.0] + rng.normal(0.0, 0.4, (n, 3))
     felt = None
     if bias is not None:
-        felt = rotated(back, np.tile([0.0, 0.0, -9.81], (n, 1))) + bias + rng.normal(0.0, 0.05, (n, 3))
+        felt = rotate_vectors(back, np.tile([0.0, 0.0, -9.81], (n, 1))) + bias + rng.normal(0.0, 0.05, (n, 3))
     return Samples.of(field, unit="uT", time=np.arange(n) / 25.0, attitude=logged, acceleration=felt)
 
 
 @pytest.mark.parametrize("signs", [(1.0, 1.0, 1.0), (-1.0, -1.0, 1.0), (1.0, -1.0, -1.0), (-1.0, 1.0, -1.0)])
 def test_an_attitude_finds_a_magnetometer_that_is_turned_by_half_a_turn(signs: tuple[float, ...]) -> None:
     attitude, turn = attitudes(1.2), np.diag(signs)
-    found = solve(recorded(attitude, turn, attitude), ("attitude",))
+    found = fit_aided(recorded(attitude, turn, attitude), ("attitude",))
     assert np.rad2deg(np.abs(found.parameters.rotation - turn).max()) < 0.5
 
 
@@ -65,7 +65,7 @@ def test_of_any_turn_the_start_is_the_truth_without_noise() -> None:
     seen = np.swapaxes(attitude, 1, 2) @ (NORTH / np.linalg.norm(NORTH))
     for vector in np.random.default_rng(3).normal(0.0, 1.5, (20, 3)):
         turn = rotations(vector[np.newaxis])[0]
-        found = aligned(attitude, seen @ turn, np.eye(3))
+        found = find_mounting(attitude, seen @ turn, np.eye(3))
         assert np.rad2deg(np.arccos(np.clip((np.trace(found @ turn.T) - 1.0) / 2.0, -1.0, 1.0))) < 20.0
 
 
@@ -93,20 +93,20 @@ def test_the_bias_of_an_accelerometer_is_no_rotation(seed: int) -> None:
     """0.3 to 0.5 m/s² lean the vertical by 3°; seeds as stated."""
     bias = np.array([0.5, 0.3, -0.3])
     samples = recorded(attitudes(0.5), np.eye(3), seed=seed, bias=bias)
-    _, asked = aided_by(samples, "dip")
+    _, asked = fit_with_aids(samples, "dip")
     assert asked.acceleration_bias is not None
     assert asked.acceleration_bias_sigma is not None
     assert np.all(np.abs(asked.acceleration_bias - bias) < 3.0 * asked.acceleration_bias_sigma)
-    _, told = aided_by(samples, "auto")
+    _, told = fit_with_aids(samples, "auto")
     if told.rotation is not None and told.rotation_covariance is not None:
         x, y, z = told.rotation[2, 1], told.rotation[0, 2], told.rotation[1, 0]
         assert np.array([x, y, z]) @ np.linalg.solve(told.rotation_covariance, [x, y, z]) < 16.3
 
 
-def heading_off_deg(found: Aided) -> float:
+def heading_off_deg(found: AidedFit) -> float:
     """How far off headings of a level body are, rms, of a magnetometer that sits straight on it."""
     headings = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False)
-    fields = rotated(inverse(of_angles(np.outer(headings, [0.0, 0.0, 1.0]))), np.tile(NORTH, (72, 1)))
+    fields = rotate_vectors(inverse(from_angles(np.outer(headings, [0.0, 0.0, 1.0]))), np.tile(NORTH, (72, 1)))
     seen = (fields + np.array([10.0, -20.0, 5.0]) - found.parameters.offset) @ np.linalg.inv(found.parameters.shape).T
     error = np.exp(1j * (np.arctan2(-seen[:, 1], seen[:, 0]) - headings))
     return float(np.rad2deg(np.sqrt(np.mean(np.angle(error / error.mean()) ** 2))))
@@ -119,7 +119,7 @@ def test_the_bias_of_an_accelerometer_bends_no_offset() -> None:
     for seed in range(6):
         samples = recorded(attitudes(0.5, 1500), np.eye(3), seed=seed, bias=np.array([0.5, 0.3, -0.3]))
         for sigma, errors in off.items():
-            found = solve(samples, ("dip",), acceleration_bias=sigma)
+            found = fit_aided(samples, ("dip",), acceleration_bias=sigma)
             errors.append((heading_off_deg(found), claim_deg(found, 60.0)))
     free, held = (np.array(errors) for errors in off.values())
     assert np.mean(free[:, 0]) < 0.8 * np.mean(held[:, 0])
@@ -153,7 +153,7 @@ def test_a_vertical_that_is_missing_now_and_then_counts_where_it_is_there(missin
     assert samples.acceleration is not None
     felt = samples.acceleration.copy()
     felt[::5] = missing
-    found, whole = (solve(replace(samples, acceleration=one), ("dip",)) for one in (felt, samples.acceleration))
+    found, whole = (fit_aided(replace(samples, acceleration=one), ("dip",)) for one in (felt, samples.acceleration))
     sigma = np.sqrt(np.diag(whole.covariance)[:3])
     assert np.all(np.abs(found.parameters.offset - whole.parameters.offset) < 2.0 * sigma)
     assert np.all(np.sqrt(np.diag(found.covariance)[:3]) < 1.5 * sigma)
@@ -162,7 +162,7 @@ def test_a_vertical_that_is_missing_now_and_then_counts_where_it_is_there(missin
 def survey(gain: float, bias: Sequence[float], seed: int = 1) -> Samples:
     """Thirty poses of twenty readings at rest, by an accelerometer whose x reads too much and whose y too little."""
     rng = np.random.default_rng(seed)
-    poses = np.repeat(of_angles(rng.uniform(-np.pi, np.pi, (30, 3))), 20, axis=0)
+    poses = np.repeat(from_angles(rng.uniform(-np.pi, np.pi, (30, 3))), 20, axis=0)
     samples = recorded(poses, np.eye(3), seed=seed, bias=np.array(bias))
     assert samples.acceleration is not None
     return replace(samples, acceleration=samples.acceleration * [1.0 + gain, 1.0 - gain, 1.0])
@@ -171,7 +171,7 @@ def survey(gain: float, bias: Sequence[float], seed: int = 1) -> Samples:
 def test_gains_of_an_accelerometer_bend_no_rotation() -> None:
     """Two per cent of gains: found, and the rotation within its claim, which is half of what it is without them."""
     samples = survey(0.02, [0.2, 0.0, 0.1])
-    found, believed = (solve(samples, ("dip",), acceleration_gain=sigma) for sigma in (0.02, 0.0))
+    found, believed = (fit_aided(samples, ("dip",), acceleration_gain=sigma) for sigma in (0.02, 0.0))
     turned, covariance = rotation_vectors(found.parameters.rotation[np.newaxis])[0], found.rotation_covariance
     assert covariance is not None
     assert believed.rotation_covariance is not None
@@ -222,7 +222,7 @@ def test_accelerations_that_last_outvote_no_prior(seed: int) -> None:
     assert samples.acceleration is not None
     rng = np.random.default_rng(seed)
     pushed = np.apply_along_axis(np.convolve, 0, rng.normal(size=(1500, 3)), np.ones(50) / 50.0, "same")
-    found = solve(replace(samples, acceleration=samples.acceleration + 0.3 * pushed / pushed.std()), ("dip",))
+    found = fit_aided(replace(samples, acceleration=samples.acceleration + 0.3 * pushed / pushed.std()), ("dip",))
     covariance = found.of("accelerometer")
     assert covariance is not None
     sigma = 9.80665 * np.sqrt(np.diag(covariance))[:3]
@@ -237,7 +237,7 @@ def test_a_gyro_that_sits_askew_beside_its_accelerometer_leads_no_rotation_astra
     assert true.samples.rate is not None
     askew = rotations(np.deg2rad([[1.0, -1.0, 1.0]]))[0]
     samples = replace(true.samples, rate=true.samples.rate @ askew)
-    found = solve(samples, ("rate", "dip"))
+    found = fit_aided(samples, ("rate", "dip"))
     covariance = found.rotation_covariance
     assert covariance is not None
     turned = found.parameters.rotation

@@ -18,10 +18,10 @@ from tests.sentences import assert_raises, assert_sentences
 import flinders
 from flinders import simulate
 from flinders.cli import main
-from flinders.cli._calibrate_options import recorded
+from flinders.cli._calibrate_options import split_recorded_names
 from flinders.core.calibration import Calibration
 from flinders.core.disturbance import Disturbance
-from flinders.diagnostics.attitude_following import following
+from flinders.diagnostics.attitude_following import predicted_share
 from flinders.errors import DocumentError, FollowsAttitude, InputError, UsageError
 from flinders.fitting.fit_file import load
 from flinders.targets import find
@@ -98,8 +98,8 @@ def test_a_column_that_follows_attitude_is_refused(shape: int) -> None:
 
 
 def test_a_slow_course_follows_no_direction() -> None:
-    directions = simulate.uniform(np.random.default_rng(2), 900)
-    assert following(np.linspace(0.0, 1.0, 900), directions) < 0.2
+    directions = simulate.uniform_directions(np.random.default_rng(2), 900)
+    assert predicted_share(np.linspace(0.0, 1.0, 900), directions) < 0.2
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -140,7 +140,7 @@ def test_columns_of_more_or_fewer_than_two_words_are_refused(rover: Samples) -> 
 
 
 def test_known_names_come_before_columns_of_the_same_name() -> None:
-    assert recorded(["rate,dip,current", "rate_hz"]) == (("rate", "dip"), ("current", "rate_hz"))
+    assert split_recorded_names(["rate,dip,current", "rate_hz"]) == (("rate", "dip"), ("current", "rate_hz"))
 
 
 # files

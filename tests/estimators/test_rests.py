@@ -19,7 +19,7 @@ from flinders import simulate
 from flinders.core.joining import Joined
 from flinders.core.samples import Samples
 from flinders.estimators import Readings
-from flinders.estimators.aiding import solve
+from flinders.estimators.aiding import fit_aided
 from flinders.estimators.rests import Rests
 from flinders.fitting.batch import fit_batch
 from flinders.native.engine import engine
@@ -40,7 +40,7 @@ def turned(seed: int = 0, n: int = 1500) -> Simulated:
 def still(of: Simulated, seconds: float, off: float, *, seed: int = 1) -> Floats:
     """Readings of the sensor in one attitude, where the field is another by a share of it."""
     rng = np.random.default_rng(seed)
-    field = of.field_strength * (1.0 + off) * simulate.uniform(rng, 1)
+    field = of.field_strength * (1.0 + off) * simulate.uniform_directions(rng, 1)
     return of.sensor.read(np.repeat(field, round(seconds * RATE_HZ), axis=0), rng)
 
 
@@ -79,7 +79,7 @@ def test_a_pose_that_does_not_fit_is_left_out_with_its_time() -> None:
     """Of sixty poses one lies where the field is off by a fifth."""
     of, rng = turned(), np.random.default_rng(1)
     strength = of.field_strength * np.where(np.arange(60) == 12, 1.2, 1.0)[:, np.newaxis]
-    samples = timed(of.sensor.read(np.repeat(strength * simulate.uniform(rng, 60), 50, axis=0), rng))
+    samples = timed(of.sensor.read(np.repeat(strength * simulate.uniform_directions(rng, 60), 50, axis=0), rng))
     fit = judged(samples)
     (pose,) = fit.evidence.outliers
     npt.assert_allclose([pose.start_s, pose.end_s], [12.0, 12.98], atol=0.1)
@@ -117,7 +117,7 @@ def test_what_moves_is_no_rest(name: str) -> None:
     headings = np.linspace(0.0, 2.0 * np.pi, 5000)[:, np.newaxis]
     slow = 30.0 * np.concatenate([np.cos(headings), np.sin(headings), 0.0 * headings], axis=1)
     worlds = {
-        "all directions": 50.0 * simulate.uniform(np.random.default_rng(1), 500),
+        "all directions": 50.0 * simulate.uniform_directions(np.random.default_rng(1), 500),
         "level turn": slow + 0.5 * np.random.default_rng(1).standard_normal(slow.shape),
         "flight": simulate.tumble(seed=1, motion="flight", n=1500).samples.field,
         "drive": simulate.tumble(seed=1, motion="drive", n=1500).samples.field,
@@ -140,7 +140,9 @@ def test_poses_claim_what_the_places_differ_by(held: int, trials: Choose) -> Non
     for seed in claim.seeds:
         of, rng = turned(seed, 50), np.random.default_rng(seed)
         strength = of.field_strength * (1.0 + 0.005 * rng.standard_normal((24, 1)))
-        fit = judged(timed(of.sensor.read(np.repeat(strength * simulate.uniform(rng, 24), held, axis=0), rng)))
+        fit = judged(
+            timed(of.sensor.read(np.repeat(strength * simulate.uniform_directions(rng, 24), held, axis=0), rng))
+        )
         assert fit.verdict in ("good", "limited")
         error = heading_error_deg(fit.calibration.matrix, fit.calibration.offset, of)
         ratios.append(error / fit.heading_error_deg.rms)
@@ -151,11 +153,11 @@ def test_poses_claim_what_the_places_differ_by(held: int, trials: Choose) -> Non
 @pytest.mark.parametrize("poses", [0, 30])
 def test_the_engine_fits_the_readings_that_rests_leave(poses: int) -> None:
     of, rng = turned(), np.random.default_rng(1)
-    held = of.sensor.read(np.repeat(of.field_strength * simulate.uniform(rng, 30), 50, axis=0), rng)
+    held = of.sensor.read(np.repeat(of.field_strength * simulate.uniform_directions(rng, 30), 50, axis=0), rng)
     samples = timed(held) if poses else put_down(of, "between", 15.0, 0.03)
     rests = Rests.of(samples)
     assert rests.are_left_out == (not poses)
-    fitted = rests.fitted(samples)
+    fitted = rests.average(samples)
     record, again = engine().fit(samples.field), engine().fit(fitted.field, rests=0)
     npt.assert_allclose(record["centre"], again["centre"], rtol=1e-9)
     npt.assert_allclose(record["covariance"], again["covariance"], rtol=1e-6, atol=1e-12)
@@ -169,7 +171,7 @@ def test_a_rest_ends_with_its_recording() -> None:
     held = [still(of, 2.0, 0.0, seed=seed) for seed in range(1, 16)]
     each = [timed(np.concatenate(pair)) for pair in pairwise(held)]
     again = [replace(pose, source=f"pose {place}") for place, pose in enumerate(each)]
-    once = Readings.of(Joined(tuple(again))).fitted()
+    once = Readings.of(Joined(tuple(again))).for_fit()
     assert [len(part) for part in once.parts] == [2] * 14
     assert [part.recording.source for part in once.parts if part.recording][3:5] == ["pose 3", "pose 4"]
 
@@ -199,7 +201,7 @@ def test_what_is_no_number_has_no_rests() -> None:
 
 
 def test_columns_beside_the_readings_are_averaged_with_them() -> None:
-    field = np.repeat(50.0 * simulate.uniform(np.random.default_rng(1), 20), 10, axis=0)
+    field = np.repeat(50.0 * simulate.uniform_directions(np.random.default_rng(1), 20), 10, axis=0)
     rows = len(field)
     samples = Samples.of(
         field,
@@ -208,7 +210,7 @@ def test_columns_beside_the_readings_are_averaged_with_them() -> None:
         current=np.where(np.arange(rows) < 195, np.nan, 4.0),
         attitude=np.tile([1.0, 0.0, 0.0, 0.0], (rows, 1)),
     )
-    once = Rests.of(samples).fitted(samples)
+    once = Rests.of(samples).average(samples)
     assert len(once) == 20
     assert once.time is not None
     assert once.current is not None
@@ -232,7 +234,7 @@ def test_a_rest_does_not_move_a_fit_with_aiding_sensors() -> None:
         acceleration=np.concatenate([samples.acceleration, np.tile(samples.acceleration[-1:], (len(rest), 1))]),
         rate=np.concatenate([samples.rate, np.zeros_like(rest)]),
     )
-    alone, with_rest = (solve(each, ("rate", "dip")) for each in (samples, longer))
+    alone, with_rest = (fit_aided(each, ("rate", "dip")) for each in (samples, longer))
     sigma = np.sqrt(np.diag(alone.covariance)[:3])
     assert float(np.max(np.abs(with_rest.parameters.offset - alone.parameters.offset) / sigma)) < 1.0
 

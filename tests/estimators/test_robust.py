@@ -19,9 +19,9 @@ from flinders.errors import NotAnEllipsoid
 from flinders.estimators import Readings, data
 from flinders.estimators.auto import Auto
 from flinders.estimators.likelihood import Likelihood
-from flinders.estimators.outliers import MARGIN
+from flinders.estimators.outliers import MARGIN_READINGS
 from flinders.estimators.robust import Robust
-from flinders.geometry.ellipsoid import upper
+from flinders.geometry.ellipsoid import upper_entries
 from flinders.heading.error_propagation import level_error
 from flinders.native.engine import engine
 from flinders.simulate import Simulated, angle_error_deg, tumble
@@ -41,8 +41,8 @@ PASSED: Final = slice(1200, 1320)
 
 def weighed(found: Estimate, truth: Simulated) -> float:
     """Square of the error in units of what is claimed, over nine."""
-    wanted = np.concatenate([truth.sensor.offset, upper(50.0 * truth.sensor.matrix)])
-    off = np.concatenate([found.ellipsoid.centre, upper(found.ellipsoid.shape)]) - wanted
+    wanted = np.concatenate([truth.sensor.offset, upper_entries(50.0 * truth.sensor.matrix)])
+    off = np.concatenate([found.ellipsoid.centre, upper_entries(found.ellipsoid.shape)]) - wanted
     return float(off @ np.linalg.solve(found.covariance, off)) / 9.0
 
 
@@ -70,7 +70,7 @@ def test_a_minority_that_is_moved_alike_cannot_win(share: float, size: float, tr
     claim = trials(12, 4)
     spoiled, clean = [], []
     for seed in claim.seeds:
-        moved = size * simulate.uniform(np.random.default_rng(seed), 1)[0]
+        moved = size * simulate.uniform_directions(np.random.default_rng(seed), 1)[0]
         found = flinders.fit(moved_alike(seed, share, moved))
         assert found.evidence.method == "robust"
         spoiled.append(found.calibration.offset - SENSOR.offset)
@@ -111,11 +111,13 @@ def test_what_is_listed_is_what_was_left_out(rows: int | None, monkeypatch: pyte
     """The readings around the magnet too, whether the recording is held or goes by in blocks of any size."""
     _, samples = passed_by_a_magnet(PASSED)
     if rows is not None:
-        monkeypatch.setattr(data, "HELD", 2500)
+        monkeypatch.setattr(data, "MAX_HELD_READINGS", 2500)
     found = Robust().estimate(Readings.of(samples if rows is None else Streamed(samples, rows)))
     rejected = sum(outlier.readings for outlier in found.outliers)
     left_out = len(samples) - rejected - found.used * (1 if rows is None else 2)
-    assert left_out == 0 if rows is None else 0 <= left_out <= 4 * MARGIN, "around a run of every second reading"
+    assert left_out == 0 if rows is None else 0 <= left_out <= 4 * MARGIN_READINGS, (
+        "around a run of every second reading"
+    )
     run = max(found.outliers, key=lambda outlier: outlier.readings)
     assert run.readings == run.last - run.first + 1 > 120
 
@@ -139,7 +141,7 @@ def test_a_stream_too_long_to_hold_lists_the_same_strays(monkeypatch: pytest.Mon
     """A third of the readings is fitted; what is left out is looked for in all of them, block by block."""
     _, samples = passed_by_a_magnet(PASSED)
     whole = flinders.fit(samples)
-    monkeypatch.setattr(data, "HELD", 1000)
+    monkeypatch.setattr(data, "MAX_HELD_READINGS", 1000)
     streamed = flinders.fit(Streamed(samples))
     apart = np.abs(streamed.calibration.offset - whole.calibration.offset)
     assert (apart < 3.0 * streamed.claim.offset_sigma).all()
@@ -152,7 +154,7 @@ def test_a_stream_too_long_to_hold_lists_the_same_strays(monkeypatch: pytest.Mon
 def test_clean_readings_do_not_ask_for_it(motion: str, noise: float, trials: Choose) -> None:
     for seed in trials(15, 4).seeds:
         readings = Readings.of(tumble(seed=seed, motion=motion, noise=noise).samples)
-        assert not engine().fit(readings.thinned(len(readings)), statistics=0)["is_robust"]
+        assert not engine().fit(readings.thin(len(readings)), statistics=0)["is_robust"]
 
 
 def test_asked_for_it_costs_clean_readings_next_to_nothing() -> None:
@@ -208,13 +210,13 @@ def test_a_rest_that_is_disturbed_does_not_count_though_it_is_the_majority() -> 
 def test_coverage_does_not_count_directions_of_strays() -> None:
     """Half of the sphere is seen; what lies on the other side is off the surface."""
     field = tumble(seed=4, motion="hemisphere", n=2000, sensor=SENSOR).samples.field
-    below = SENSOR.offset + 1.8 * 50.0 * simulate.uniform(np.random.default_rng(1), 150) @ SENSOR.matrix.T
+    below = SENSOR.offset + 1.8 * 50.0 * simulate.uniform_directions(np.random.default_rng(1), 150) @ SENSOR.matrix.T
     fit = flinders.fit(np.concatenate([field, below]))
     assert fit.evidence.method == "robust"
     assert fit.evidence.coverage.fraction < 0.6
     assert fit.evidence.coverage.hole_deg > 60.0
     summary = Readings.of(np.concatenate([field, below])).summary
-    assert Coverage.through(summary.cloud, fit.calibration.ellipsoid).fraction > 0.75
+    assert Coverage.of_cloud(summary.cloud, fit.calibration.ellipsoid).fraction > 0.75
 
 
 def test_nonsense_is_no_minority() -> None:

@@ -11,7 +11,7 @@ from tests.worlds import SENSOR
 
 import flinders
 from flinders.core.joining import Joined
-from flinders.core.samples import Samples, Wrapped
+from flinders.core.samples import RecordingWrapper, Samples
 from flinders.estimators import Readings, data
 from flinders.estimators.likelihood import Likelihood
 from flinders.estimators.robust import Robust
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from flinders.core.samples import Recording
 
 
-class Streamed(Wrapped):
+class Streamed(RecordingWrapper):
     """A recording that is gone through block by block, and counts how often."""
 
     def __init__(self, samples: Samples) -> None:
@@ -67,7 +67,7 @@ def test_the_summary_of_the_whole_is_that_of_its_parts() -> None:
     assert len(readings.summary) == sum(len(part.summary) for part in readings.parts) == 4500
     assert health.clock.backward_steps == 0
     assert health.clock.longest_step == pytest.approx(0.02)
-    assert health.clock.usual_step == pytest.approx(0.02)
+    assert health.clock.mean_step == pytest.approx(0.02)
     assert health.clock.seconds == pytest.approx(0.02 * 4498)
 
 
@@ -80,13 +80,13 @@ def test_a_seam_is_no_repeat() -> None:
 def test_one_recording_that_was_joined_is_a_single_one() -> None:
     readings = Readings.of(Joined((Joined((by_hand(1),)),)))
     assert readings.parts == ()
-    assert readings.each == (readings,)
+    assert readings.single_recordings == (readings,)
     nested = Readings.of(Joined((Joined((by_hand(1), by_hand(2))), by_hand(3))))
     assert len(nested.parts) == 3
 
 
 def test_what_is_kept_in_memory_is_bounded_over_all_recordings(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(data, "HELD", 5000)
+    monkeypatch.setattr(data, "MAX_HELD_READINGS", 5000)
     streams = [Streamed(by_hand(seed, n)) for seed, n in ((1, 3000), (2, 3000), (3, 1500), (4, 1500))]
     readings = Readings.of(Joined(tuple(streams)))
     in_memory = [isinstance(part.recording, Samples) for part in readings.parts]
@@ -105,7 +105,7 @@ def test_of_a_recording_that_is_too_long_for_memory_a_part_is_fitted(
     joined = Joined(tuple(Streamed(by_hand(seed, 2000)) for seed in (1, 2, 3)))
     whole = flinders.fit(joined, method=method)
     for room, used in ((3000, 3000), (1500, 1500)):
-        monkeypatch.setattr(data, "HELD", room)
+        monkeypatch.setattr(data, "MAX_HELD_READINGS", room)
         part = flinders.fit(joined, method=method)
         off = part.calibration.offset - whole.calibration.offset
         assert np.all(np.abs(off) < 3.0 * np.hypot(part.claim.offset_sigma, whole.claim.offset_sigma))
@@ -151,7 +151,7 @@ def test_a_magnet_at_the_end_of_one_recording_leaves_the_next_alone() -> None:
     assert run.last == 3000
     assert run.end_s == first.time[-1] if first.time is not None else False
     assert all(outlier.readings < 4 for outlier in found.outliers if outlier.first > 3000)
-    fitted = Readings.of(Joined((struck, second))).fitted().statistics.fitted
+    fitted = Readings.of(Joined((struck, second))).for_fit().statistics.fitted
     assert found.used + sum(outlier.independent for outlier in found.outliers) == fitted
 
 

@@ -17,11 +17,11 @@ from flinders import simulate
 from flinders.comparison.agreement import disagreements, heading_deg
 from flinders.comparison.multi_sensor import fit_multi, nearest_axes
 from flinders.core.samples import Samples
-from flinders.core.time_alignment import between, paired
+from flinders.core.time_alignment import align_readings, interpolate_readings
 from flinders.errors import FitError, InputError, UsageError
 from flinders.estimators import multi_sensor
 from flinders.fitting.result import Fit, Refused
-from flinders.geometry.ellipsoid import upper
+from flinders.geometry.ellipsoid import upper_entries
 from flinders.geometry.rotation import rotations
 
 if TYPE_CHECKING:
@@ -52,10 +52,12 @@ def changed(samples: Samples, **fields: Any) -> Samples:
 def test_offsets_shapes_and_rotation_are_those_of_the_sensors() -> None:
     recordings, sensors, _ = body(2)
     fields = np.stack([samples.field for samples in recordings.values()])
-    found = multi_sensor.solve(fields)
+    found = multi_sensor.fit_sensors(fields)
     for number, sensor in enumerate(sensors):
         at, sigma = found.parameters[number], np.sqrt(np.diag(found.of(number)))
-        error = np.concatenate([at.offset - sensor.offset, upper(at.shape) - upper(FIELD * sensor.matrix)])
+        error = np.concatenate(
+            [at.offset - sensor.offset, upper_entries(at.shape) - upper_entries(FIELD * sensor.matrix)]
+        )
         assert np.all(np.abs(error) < 4.0 * sigma[:9])
         assert np.abs(error[:3]).max() < 0.2
     turned, covariance = found.rotation(1)
@@ -71,7 +73,7 @@ def test_what_is_claimed_is_what_is_off(trials: Choose) -> None:
     offsets, turns = [], []
     for seed in claim.seeds:
         recordings, sensors, _ = body(seed, motion="uniform", n=400)
-        found = multi_sensor.solve(np.stack([samples.field for samples in recordings.values()]))
+        found = multi_sensor.fit_sensors(np.stack([samples.field for samples in recordings.values()]))
         for number, sensor in enumerate(sensors):
             error = found.parameters[number].offset - sensor.offset
             offsets.append(error @ np.linalg.solve(found.of(number)[:3, :3], error) / 3.0)
@@ -85,7 +87,7 @@ def test_what_is_claimed_is_what_is_off(trials: Choose) -> None:
 
 def test_the_rotation_of_the_reference_is_exact() -> None:
     recordings, _, _ = body(3, n=500, noises=(0.5, 0.5, 1.0))
-    found = multi_sensor.solve(np.stack([samples.field for samples in recordings.values()]), reference=1)
+    found = multi_sensor.fit_sensors(np.stack([samples.field for samples in recordings.values()]), reference=1)
     npt.assert_allclose(found.rotation(1)[0], np.eye(3), atol=1e-12)
     assert not found.rotation(1)[1].any()
 
@@ -167,12 +169,12 @@ def test_equal_clocks_have_no_delay(trials: Choose) -> None:
     for seed in trials(4, 2).seeds:
         recordings, _, _ = body(20 + seed, n=1500)
         times = [samples.time for samples in recordings.values() if samples.time is not None]
-        assert not paired(times, [samples.field for samples in recordings.values()]).delays_s.any()
+        assert not align_readings(times, [samples.field for samples in recordings.values()]).delays_s.any()
 
 
 def test_no_line_is_drawn_across_a_gap() -> None:
     time = np.concatenate([np.arange(10.0), np.arange(30.0, 40.0)])
-    taken = between(time, np.tile(time[:, np.newaxis], 3), np.array([4.5, 15.0, 35.25, 99.0]))
+    taken = interpolate_readings(time, np.tile(time[:, np.newaxis], 3), np.array([4.5, 15.0, 35.25, 99.0]))
     npt.assert_allclose(taken[[0, 2], 0], [4.5, 35.25])
     assert np.isnan(taken[[1, 3]]).all()
 
@@ -222,9 +224,9 @@ def test_a_mirror_image_is_found_and_corrected() -> None:
 def test_the_rotation_of_a_mirror_image_is_as_uncertain_as_of_its_original() -> None:
     recordings, _, _ = body(12, n=500, same=True, noises=(0.5, 0.5, 0.5))
     fields = np.stack([samples.field for samples in recordings.values()])
-    plain = multi_sensor.solve(fields)
+    plain = multi_sensor.fit_sensors(fields)
     fields[2] *= [1.0, 1.0, -1.0]
-    mirrored = multi_sensor.solve(fields)
+    mirrored = multi_sensor.fit_sensors(fields)
     turn, covariance = mirrored.rotation(2)
     assert np.linalg.det(turn) == pytest.approx(-1.0)
     npt.assert_allclose(np.trace(covariance), np.trace(plain.rotation(2)[1]), rtol=0.05)
@@ -432,9 +434,9 @@ def test_wrong_use_says_what_is_needed() -> None:
 
 
 def test_nearest_axes_of_each_of_the_24_and_their_mirror_images() -> None:
-    from flinders.core.axes import EXCHANGES
+    from flinders.core.axes import SIGNED_PERMUTATIONS
 
-    for axes in EXCHANGES:
+    for axes in SIGNED_PERMUTATIONS:
         assert nearest_axes(axes.apply(np.eye(3)).T) == (str(axes), 0.0)
 
 

@@ -11,11 +11,11 @@ from tests.worlds import judged
 
 from flinders import simulate
 from flinders.core.samples import Samples
-from flinders.findings import CATALOGUE, CAUSES, Finding, first_causes, linked
-from flinders.findings.catalogue import OF_A_FIT
+from flinders.findings import CATALOGUE, CAUSES, Finding, first_causes, link_causes
+from flinders.findings.catalogue import ENGINE_FINDINGS
 from flinders.findings.rules import SEVERITIES
 from flinders.native.engine import engine
-from flinders.report.fit_pages import of_fit
+from flinders.report.fit_pages import page_of_fit
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -67,7 +67,7 @@ def test_one_line_says_why_it_is_refused(recorded: Callable[[], Floats], cause: 
 
 def test_nothing_is_seen_of_a_sphere_that_is_noise() -> None:
     console = Console(width=100, record=True, quiet=True)
-    console.print(of_fit(judged(noise_alone())))
+    console.print(page_of_fit(judged(noise_alone())))
     assert "of the sphere" not in console.export_text()
 
 
@@ -77,14 +77,15 @@ def found(code: str, severity: Severity) -> Finding:
 
 def test_what_follows_from_nothing_stays_in_its_place() -> None:
     findings = [found("coverage", "limits"), found("axis-ratio", "limits"), found("scale-unknown", "note")]
-    assert first_causes(linked(findings)) == tuple(findings)
+    assert first_causes(link_causes(findings)) == tuple(findings)
     twice = [found("disturbance", "note"), found("disturbance", "note")]
-    assert first_causes(linked(twice)) == tuple(twice)
+    assert first_causes(link_causes(twice)) == tuple(twice)
 
 
 def test_a_note_explains_nothing_that_limits() -> None:
     codes = {
-        finding.code for finding in first_causes(linked([found("field-changed", "note"), found("noise", "limits")]))
+        finding.code
+        for finding in first_causes(link_causes([found("field-changed", "note"), found("noise", "limits")]))
     }
     assert codes == {"field-changed", "noise"}
 
@@ -100,9 +101,11 @@ def test_findings_are_shown_in_the_order_of_the_engine() -> None:
     causes = sorted({cause.code for cause in CAUSES} | {code for cause in CAUSES for code in cause.consequences})
     for _ in range(200):
         present = {code: int(rng.integers(1, 4)) for code in causes if rng.random() < 0.3}
-        severities = np.array([present.get(code, 0) for code in OF_A_FIT], dtype=np.uint8)
+        severities = np.array([present.get(code, 0) for code in ENGINE_FINDINGS], dtype=np.uint8)
         judgement = engine().causes(severities)
-        order = [rule for rule in judgement["order"].tolist() if rule < len(OF_A_FIT)]
-        findings = linked(found(code, SEVERITIES[present[code]] or "note") for code in OF_A_FIT if code in present)
+        order = [rule for rule in judgement["order"].tolist() if rule < len(ENGINE_FINDINGS)]
+        findings = link_causes(
+            found(code, SEVERITIES[present[code]] or "note") for code in ENGINE_FINDINGS if code in present
+        )
         shown = [(finding.code, finding.severity) for finding in first_causes(findings)]
-        assert shown == [(OF_A_FIT[rule], SEVERITIES[judgement["shown"][rule]]) for rule in order]
+        assert shown == [(ENGINE_FINDINGS[rule], SEVERITIES[judgement["shown"][rule]]) for rule in order]

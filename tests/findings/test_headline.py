@@ -17,7 +17,7 @@ from flinders.cli._program import EXIT_CODES
 from flinders.errors import UsageError
 from flinders.findings import CATALOGUE, REFUSALS
 from flinders.findings.finding import Finding
-from flinders.findings.headline import LEADS, UNSTATED, Claimed, headline, reach_words
+from flinders.findings.headline import LEADS, UNSTATED_REASON, Claimed, headline, reach_words
 from flinders.findings.row import VERDICTS
 from flinders.fitting.result import Refused, bare_fit
 from flinders.fitting.verdict import headline_of
@@ -64,7 +64,7 @@ def test_where_no_tilt_is_known_level_headings_alone_are_claimed() -> None:
 
 def test_an_imported_calibration_is_not_called_good() -> None:
     said = headline_of(bare_fit(flinders.Calibration.identity(field_strength=50.0)))
-    assert (said.code, UNSTATED in said.words, "good to" in said.words) == ("", True, False)
+    assert (said.code, UNSTATED_REASON in said.words, "good to" in said.words) == ("", True, False)
 
 
 def of(motion: str, **options: object) -> Fit:

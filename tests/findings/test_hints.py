@@ -73,7 +73,7 @@ def test_a_finding_whose_advice_takes_an_argument_names_it_to_those_who_calibrat
     ],
 )  # fmt: skip
 def test_a_hint_is_spelled_by_each_interface(hint: dict[str, Any], python: str, options: str) -> None:
-    assert errors.in_python(hint) == python
+    assert errors.python_arguments(hint) == python
     assert in_options(hint, [cli.main.commands["apply"], cli.main.commands["calibrate"]]) == options
 
 

@@ -14,15 +14,15 @@ from tests.sentences import assert_sentences
 import flinders
 from flinders import simulate
 from flinders.errors import FitError
-from flinders.estimators.aiding import solve
+from flinders.estimators.aiding import fit_aided
 from flinders.fitting import aid_selection
 from flinders.fitting.aiding import ROTATION_ALONE, Aiding, AidingSensor
-from flinders.geometry.quaternions import of_matrix
+from flinders.geometry.quaternions import from_matrix
 
 if TYPE_CHECKING:
     from flinders import Fit
     from flinders.core.samples import Samples
-    from flinders.estimators.aiding import Aided
+    from flinders.estimators.aiding import AidedFit
 
 
 def with_attitude(motion: str, *, yaw_deg: float = 0.0, seed: int = 1) -> Samples:
@@ -32,7 +32,7 @@ def with_attitude(motion: str, *, yaw_deg: float = 0.0, seed: int = 1) -> Sample
     yaw = math.radians(yaw_deg) * math.sqrt(2.0) * np.sin(np.arange(600) * (2.0 * math.pi / 240.0))
     noise = simulate.turns(np.random.default_rng(seed).normal(0.0, math.radians(0.5), (600, 3)))
     logged = simulate.turns(np.outer(yaw, [0.0, 0.0, 1.0])) @ recording.attitudes @ noise
-    return replace(recording.samples, attitude=of_matrix(logged))
+    return replace(recording.samples, attitude=from_matrix(logged))
 
 
 def sensors_of(fit: Fit) -> tuple[AidingSensor, ...]:
@@ -92,12 +92,12 @@ def test_sensors_that_are_left_out_together_are_named_together() -> None:
 
 
 def test_an_aid_that_leads_to_no_ellipsoid_refuses_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    def without_ellipsoid(samples: Samples, terms: tuple[str, ...], **options: Any) -> Aided:
+    def without_ellipsoid(samples: Samples, terms: tuple[str, ...], **options: Any) -> AidedFit:
         if terms:
             raise FitError("no step leads to a closed surface")
-        return solve(samples, terms, **options)
+        return fit_aided(samples, terms, **options)
 
-    monkeypatch.setattr(aid_selection, "solve", without_ellipsoid)
+    monkeypatch.setattr(aid_selection, "fit_aided", without_ellipsoid)
     samples = with_attitude("flight")
     fit = flinders.fit(samples, aiding="attitude")
     npt.assert_array_equal(fit.calibration.offset, flinders.fit(samples).calibration.offset)

@@ -20,7 +20,7 @@ from flinders.cli import main
 from flinders.comparison.agreement import Disagreement
 from flinders.estimators.outliers import Outlier
 from flinders.fitting.result import Judgement
-from flinders.report.fit_pages import NO_BETTER, of_fit
+from flinders.report.fit_pages import NO_BETTER_WORDS, page_of_fit
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -83,7 +83,7 @@ def shown(fit: Fit) -> str:
     """The page of a fit for the terminal."""
     console = Console(file=io.StringIO(), width=200)
     with console.capture() as captured:
-        console.print(of_fit(fit))
+        console.print(page_of_fit(fit))
     return captured.get()
 
 
@@ -93,7 +93,7 @@ def test_a_calibration_that_makes_headings_no_better_is_not_said_to_be_usable(se
     advice = next(finding.advice for finding in fit.findings if finding.code == "corrected-before")
     assert_sentences(advice)
     needed = replace(judged(rocked(seed, UNCORRECTED)), judgement=Judgement())
-    assert [NO_BETTER in shown(one) for one in (fit, needed)] == [True, False]
+    assert [NO_BETTER_WORDS in shown(one) for one in (fit, needed)] == [True, False]
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from flinders import simulate
 from flinders.core.calibration import Calibration
 from flinders.core.offset_walk import PRIOR_WALK, Walk
 from flinders.errors import UsageError
-from flinders.fitting.good_until import LATEST_S, GoodUntil, good_until
+from flinders.fitting.good_until import MAX_S, GoodUntil, good_until
 from flinders.fitting.result import bare_fit, with_walk
 from flinders.workflows.aging import age_of
 from flinders.workflows.online import OnlineCalibration
@@ -40,9 +40,11 @@ def fit() -> Fit:
 
 @given(positive, positive, positive)
 def test_the_claim_has_doubled_after_the_time_that_is_stated(claim_deg: float, field: float, rate: float) -> None:
-    until = GoodUntil(claim_deg, 10.0 * field, Walk.known(rate), "prior", Walk(rate, rate / 3.0, 3.0 * rate), "prior")
+    until = GoodUntil(
+        claim_deg, 10.0 * field, Walk.from_rate(rate), "prior", Walk(rate, rate / 3.0, 3.0 * rate), "prior"
+    )
     for seconds, each in ((until.seconds, rate), (until.earliest_s, until.walk.high)):
-        is_told = seconds < LATEST_S
+        is_told = seconds < MAX_S
         assert not is_told or until.claim_deg_after(seconds, each) == pytest.approx(2.0 * claim_deg, rel=1e-9)
     assert until.temperature_change_kelvin is not None
     warmed = math.degrees(rate * until.temperature_change_kelvin / (10.0 * field))
@@ -52,7 +54,8 @@ def test_the_claim_has_doubled_after_the_time_that_is_stated(claim_deg: float, f
 @given(positive, positive)
 def test_a_unit_that_walks_twice_as_fast_is_good_for_a_quarter_of_the_time(claim_deg: float, rate: float) -> None:
     slow, fast = (
-        GoodUntil(claim_deg, 25.0, Walk.known(each), "history", None, "prior").seconds for each in (rate, 2.0 * rate)
+        GoodUntil(claim_deg, 25.0, Walk.from_rate(each), "history", None, "prior").seconds
+        for each in (rate, 2.0 * rate)
     )
     assert slow == pytest.approx(4.0 * fast, rel=1e-9)
 

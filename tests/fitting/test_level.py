@@ -15,12 +15,12 @@ from tests.worlds import judged, level_turn, method_with, rms
 import flinders
 from flinders import simulate
 from flinders.core.joining import Joined
-from flinders.core.samples import Samples, Wrapped
+from flinders.core.samples import RecordingWrapper, Samples
 from flinders.errors import FitError, NotAnEllipsoid, StuckAxis, UsageError
 from flinders.estimators import Readings
 from flinders.estimators.level import Level
 from flinders.fitting.result import Refused
-from flinders.geometry.ellipsoid import Ellipsoid, gathered
+from flinders.geometry.ellipsoid import Ellipsoid, parameter_derivatives
 from flinders.heading.error_propagation import level_error
 from flinders.simulate import Sensor, Simulated
 
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit
 
 
-class Streamed(Wrapped):
+class Streamed(RecordingWrapper):
     """A recording that comes block by block."""
 
     def __init__(self, samples: Samples) -> None:
@@ -60,7 +60,7 @@ def best_heading_deg(recording: Simulated) -> float:
     truth = Ellipsoid(np.asarray(sensor.offset), FIELD_STRENGTH * np.asarray(sensor.matrix))
     along = np.cross(recording.directions, [0.0, 0.0, 1.0]) @ truth.shape
     across = np.stack([-along[:, 1], along[:, 0], np.zeros(len(along))])
-    gradients = gathered(across / np.linalg.norm(across, axis=0), recording.directions.T) / sensor.noise
+    gradients = parameter_derivatives(across / np.linalg.norm(across, axis=0), recording.directions.T) / sensor.noise
     covariance = np.linalg.pinv(gradients.T @ gradients, rcond=1e-9, hermitian=True)
     return level_error(truth, covariance, dip_deg=60.0).rms
 
@@ -76,7 +76,7 @@ def headings_off(fit: Fit, recording: Simulated, tilt_deg: float) -> Floats:
     tilts = simulate.turns(np.radians(tilt_deg) * np.stack([np.cos(about), np.sin(about), 0.0 * about], axis=1))
     off = []
     for tilt in (np.eye(3), *tilts):
-        true = FIELD_STRENGTH * simulate.seen_from(level @ tilt, FIELD)
+        true = FIELD_STRENGTH * simulate.in_body_axes(level @ tilt, FIELD)
         raw = true @ recording.sensor.matrix.T + recording.sensor.offset
         back = fit.calibration.apply(raw) @ tilt.T
         off.append(np.exp(1j * (np.arctan2(-back[:, 1], back[:, 0]) - headings)))
@@ -110,7 +110,7 @@ def test_three_percent_of_strays_are_left_out(trials: Choose) -> None:
         field = recording.samples.field.copy()
         rng = np.random.default_rng([7, seed])
         struck = rng.choice(len(field), 18, replace=False)
-        field[struck] += simulate.uniform(rng, 18) * rng.uniform(25.0, 150.0, (18, 1))
+        field[struck] += simulate.uniform_directions(rng, 18) * rng.uniform(25.0, 150.0, (18, 1))
         fit, plain = flinders.fit(field), flinders.fit(recording.samples.field)
         assert (fit.evidence.method, fit.verdict) == ("level", "limited")
         assert "outliers" in codes(fit)
@@ -348,5 +348,5 @@ def test_auto_leaves_all_attitudes_to_the_ellipsoid() -> None:
         rng = np.random.default_rng(seed)
         attitudes = simulate.tilted(rng, 1000, tilt_deg=15.0)
         sensor = Sensor.random(rng)
-        raw = sensor.read(FIELD_STRENGTH * simulate.seen_from(attitudes, FIELD), rng)
+        raw = sensor.read(FIELD_STRENGTH * simulate.in_body_axes(attitudes, FIELD), rng)
         assert judged(raw).evidence.method == "likelihood"

@@ -26,7 +26,7 @@ from flinders.fitting.fit_json import json_of
 from flinders.fitting.result import bare_fit, document_of, with_calibration, with_name
 from flinders.geometry.rotation import rotations
 from flinders.likelihood.site_field import Site
-from flinders.report.fit_pages import of_file, of_fit
+from flinders.report.fit_pages import page_of_file, page_of_fit
 from flinders.report.formatting import degrees
 from flinders.report.view import view
 from flinders.simulate.truth import Truth
@@ -113,7 +113,7 @@ def test_every_door_states_one_number(fit: Fit) -> None:
 def test_the_terminal_says_it(fit: Fit) -> None:
     if fit.verdict != "refused":
         console = Console(file=io.StringIO(), width=200)
-        console.print(of_fit(fit))
+        console.print(page_of_fit(fit))
         assert heading_words(fit.claim).removesuffix(")") in console.file.getvalue()  # type: ignore[attr-defined]
 
 
@@ -178,7 +178,7 @@ def test_what_the_mounting_adds_is_said_wherever_the_rotation_was_seen() -> None
     """By the terminal, of a fit and of its file, and by the file."""
     fit = made("with dip")
     loaded = fit_from(document_of(fit))
-    for page in (of_fit(fit), of_file(loaded, is_verbose=False)):
+    for page in (page_of_fit(fit), page_of_file(loaded, is_verbose=False)):
         console = Console(file=io.StringIO(), width=200)
         console.print(page)
         assert f"adds {degrees(fit.claim.alignment_error_deg or 0.0)} (1 σ)" in console.file.getvalue()  # type: ignore[attr-defined]

@@ -19,7 +19,7 @@ from flinders.fitting.known_heading import PoseSigmas, refresh_at_headings
 from flinders.fitting.result import Fit, Refused, document_of
 from flinders.likelihood.site_field import Site
 from flinders.simulate import tumble
-from flinders.simulate.attitudes import north_and_down, posed, seen_from, turns
+from flinders.simulate.attitudes import attitudes_of, in_body_axes, north_and_down, turns
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -145,9 +145,9 @@ def poses(headings: Sequence[float], *, pitch_deg: float = 0.0) -> list[Samples]
     """Recordings of a vehicle after its battery was moved, at rest, with an accelerometer where it leans."""
     sensor = replace(TUMBLED_SENSOR, offset=TUMBLED_SENSOR.offset + MOVED)
     rng = np.random.default_rng(5)
-    attitudes = posed(np.radians(headings), np.radians(pitch_deg), 0.0)
+    attitudes = attitudes_of(np.radians(headings), np.radians(pitch_deg), 0.0)
     fields, forces = (
-        seen_from(attitudes, world) for world in (50.0 * north_and_down(60.0), np.array([0.0, 0.0, -9.81]))
+        in_body_axes(attitudes, world) for world in (50.0 * north_and_down(60.0), np.array([0.0, 0.0, -9.81]))
     )
     return [
         Samples.of(

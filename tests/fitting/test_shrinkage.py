@@ -34,7 +34,7 @@ UNCORRECTED = Sensor(offset=np.array([20.0, -10.0, 15.0]), noise=0.3)
 def rocked(seed: int, sensor: Sensor, tilt_deg: float = 8.0) -> Samples:
     """A level turn that is tilted a little: one direction rests on few readings."""
     rng = np.random.default_rng([seed, 5])
-    field = 50.0 * simulate.seen_from(simulate.tilted(rng, 600, tilt_deg=tilt_deg), simulate.north_and_down(60.0))
+    field = 50.0 * simulate.in_body_axes(simulate.tilted(rng, 600, tilt_deg=tilt_deg), simulate.north_and_down(60.0))
     return Samples.of(sensor.read(field, rng), unit="uT")
 
 
@@ -89,7 +89,7 @@ def test_the_verdict_says_when_to_leave_the_readings_alone() -> None:
 def test_offset_taken_off_and_iron_left_is_worth_a_calibration() -> None:
     left = Sensor(np.diag([1.06, 1.0, 0.94]), np.array([0.1, -0.2, 0.1]), noise=0.2)
     rng = np.random.default_rng(2)
-    fit = judged(Samples.of(left.read(50.0 * simulate.uniform(rng, 500), rng), unit="uT"))
+    fit = judged(Samples.of(left.read(50.0 * simulate.uniform_directions(rng, 500), rng), unit="uT"))
     finding = next(one for one in fit.findings if one.code == "corrected-before")
     assert "worth having" in finding.advice
     assert error_deg(fit, left) < 3.0 * fit.heading_error_deg.worst
@@ -108,7 +108,7 @@ def test_a_batch_shrinks_the_same_units_by_their_records(sensor: Sensor) -> None
 
 def test_an_estimate_that_is_hardly_known_is_left_alone() -> None:
     """Seconds of a real recording that leave two directions unknown by 10¹² times the field ended in a traceback."""
-    fitted = METHODS["auto"]().estimate(Readings.of(50.0 * simulate.uniform(np.random.default_rng(1), 300)))
+    fitted = METHODS["auto"]().estimate(Readings.of(50.0 * simulate.uniform_directions(np.random.default_rng(1), 300)))
     unknown = np.zeros((9, 9))
     unknown[[0, 3], [0, 3]] = 1e28
     unknown[0, 3] = unknown[3, 0] = -1e28

@@ -21,8 +21,8 @@ from flinders import simulate
 from flinders.cli import main
 from flinders.core.samples import Samples
 from flinders.estimators import Readings
-from flinders.estimators.known_dip import sited
-from flinders.estimators.level import Level, turned_level
+from flinders.estimators.known_dip import update_by_site
+from flinders.estimators.level import Level, is_level_turn
 from flinders.fitting.result import Refused
 from flinders.likelihood.site_field import Site
 from flinders.native.engine import engine
@@ -160,8 +160,8 @@ def test_aids_of_a_level_turn_are_left_out_and_named(aiding: str | tuple[str, ..
 def test_a_vehicle_that_sways_enough_is_no_level_turn() -> None:
     level, _ = Turned().record(1, 300)
     swayed, _ = Turned(wobble_deg=3.0).record(1, 300)
-    assert turned_level(level.samples.field)
-    assert not turned_level(swayed.samples.field)
+    assert is_level_turn(level.samples.field)
+    assert not is_level_turn(swayed.samples.field)
 
 
 def test_a_turn_about_another_axis_asks_for_that_axis() -> None:
@@ -319,7 +319,7 @@ def test_the_strength_is_that_of_corrected_readings() -> None:
 def test_a_dip_that_is_given_goes_before_that_of_the_site() -> None:
     truth, site = Turned().record(1, 300)
     assert flinders.fit(truth.samples, method="level", site=site).claim.dip_deg == site.inclination_deg
-    fit = refit(truth.samples, site=Site.stated(site, inclination_deg=40.0))
+    fit = refit(truth.samples, site=Site.merge_stated(site, inclination_deg=40.0))
     assert fit.claim.dip_deg == 40.0
     assert fit.claim.offset_sigma[2] > 25.0
 
@@ -344,7 +344,7 @@ def test_heights_astray_are_left_out() -> None:
     field += rng.normal(0.0, 0.3, field.shape)
     struck = field.copy()
     struck[::40, 2] += 40.0
-    found = engine().plane_of(struck, np.zeros(2), 0.3)
+    found = engine().fit_plane(struck, np.zeros(2), 0.3)
     sigmas = np.sqrt(found["covariance"][::4])
     assert abs(found["height"] - 30.0) < 4.0 * sigmas[0]
     assert np.all(np.abs(found["slope"] - [0.08, 0.0]) < 4.0 * sigmas[1:])
@@ -353,7 +353,7 @@ def test_heights_astray_are_left_out() -> None:
 def test_a_plane_without_noise_is_found_exactly() -> None:
     turn = np.radians(np.arange(0.0, 360.0, 10.0))
     plane = np.stack([np.cos(turn), np.sin(turn), 5.0 + 0.2 * np.cos(turn)], axis=1)
-    found = engine().plane_of(plane, np.zeros(2), 0.0)
+    found = engine().fit_plane(plane, np.zeros(2), 0.0)
     npt.assert_allclose([found["height"], *found["slope"]], [5.0, 0.2, 0.0], atol=1e-12)
 
 
@@ -365,7 +365,7 @@ def test_without_noise_the_whole_ellipsoid_is_found() -> None:
     readings = Readings.of(Samples.of(raw, unit="uT"))
     site = replace(SITE, gain_sigma=1e-6, inclination_sigma_deg=1e-6)
     alone = Level(dip_deg=60.0).estimate(readings)
-    found = sited(alone, readings, site, dip_deg=60.0, alignment_sigma_deg=1e-4)
+    found = update_by_site(alone, readings, site, dip_deg=60.0, alignment_sigma_deg=1e-4)
     npt.assert_allclose(found.ellipsoid.centre, sensor.offset, atol=0.2)
     npt.assert_allclose(found.ellipsoid.shape, 50.0 * np.asarray(sensor.matrix), atol=0.2)
     assert np.abs(alone.ellipsoid.centre - sensor.offset).max() > 5.0

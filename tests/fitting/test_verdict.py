@@ -23,7 +23,7 @@ from flinders.core.joining import Joined
 from flinders.core.samples import Samples
 from flinders.errors import DocumentError, FitError, StuckAxis, TooFewSamples
 from flinders.findings import CATALOGUE, REFUSALS, Finding
-from flinders.fitting.advice import advised
+from flinders.fitting.advice import next_guidance
 from flinders.fitting.fit_json import json_of
 from flinders.fitting.result import Refused
 from flinders.likelihood.site_field import Site
@@ -592,7 +592,7 @@ def test_advice_names_the_side_that_was_never_seen() -> None:
     fit = judged(cap(40.0))
     advice = only(fit, "coverage").advice
     assert_sentences(advice)
-    assert advised(fit).direction[2] < -0.5
+    assert next_guidance(fit).direction[2] < -0.5
 
 
 def test_what_limits_a_level_turn_is_told_with_angles() -> None:

@@ -15,7 +15,7 @@ from tests.sentences import assert_sentences
 from tests.trials import daily
 
 from flinders.apps.fleet.aggregate import overview_of
-from flinders.apps.fleet.dates import arranged, date_of, is_date
+from flinders.apps.fleet.dates import arrange, date_of, is_date
 from flinders.apps.fleet.drift import drift_of
 from flinders.apps.fleet.history import batch_rule
 from flinders.apps.fleet.report import page
@@ -97,11 +97,11 @@ def test_times_count_as_dates_only_where_they_count_from_1970() -> None:
 
 def test_dates_of_some_recordings_of_a_unit_give_no_order() -> None:
     start = np.array([1.7e9, 3.0, 1.71e9])
-    assert not arranged(["run 9", "run 10", "run 11"], start).is_known
-    assert arranged(["run 9", "run 10", "run 11"], np.full(3, 3.0)).is_known
-    assert not arranged(["2026-01-10", "other", "2026-03-10"], np.full(3, NONE)).is_known
-    assert not arranged(["3-4-2026", "4-4-2026"], np.full(2, NONE)).is_known
-    assert not arranged(["10.1.2026", "31.1.2026"], np.full(2, NONE)).is_known
+    assert not arrange(["run 9", "run 10", "run 11"], start).is_known
+    assert arrange(["run 9", "run 10", "run 11"], np.full(3, 3.0)).is_known
+    assert not arrange(["2026-01-10", "other", "2026-03-10"], np.full(3, NONE)).is_known
+    assert not arrange(["3-4-2026", "4-4-2026"], np.full(2, NONE)).is_known
+    assert not arrange(["10.1.2026", "31.1.2026"], np.full(2, NONE)).is_known
 
 
 @pytest.mark.parametrize(
@@ -110,7 +110,7 @@ def test_dates_of_some_recordings_of_a_unit_give_no_order() -> None:
 )
 def test_numbers_that_follow_a_date_keep_their_order_and_are_no_times(pattern: str, is_dated: bool) -> None:
     names = [pattern.format(number) for number in range(57, 63)]
-    found = arranged(names[::-1], np.full(6, NONE))
+    found = arrange(names[::-1], np.full(6, NONE))
     assert [names[::-1][place] for place in found.places] == names
     assert found.is_known
     assert found.is_dated == is_dated
@@ -119,23 +119,23 @@ def test_numbers_that_follow_a_date_keep_their_order_and_are_no_times(pattern: s
 
 @pytest.mark.parametrize("one", ["2026-01-10", "2026-01-10_0057", "2026-01-10 after"])
 def test_a_day_beside_a_time_of_that_day_is_in_no_order(one: str) -> None:
-    assert not arranged([one, "2026-01-10T08-00"], np.full(2, NONE)).is_known
-    assert not arranged(["2026-01-10T08-00", one, "2026-01-10T09-00"], np.full(3, NONE)).is_known
-    assert arranged([one, "2026-01-11T00-00", "2026-01-09T23-59-59.999"], np.full(3, NONE)).places == [2, 0, 1]
+    assert not arrange([one, "2026-01-10T08-00"], np.full(2, NONE)).is_known
+    assert not arrange(["2026-01-10T08-00", one, "2026-01-10T09-00"], np.full(3, NONE)).is_known
+    assert arrange([one, "2026-01-11T00-00", "2026-01-09T23-59-59.999"], np.full(3, NONE)).places == [2, 0, 1]
 
 
 def test_equal_names_are_told_apart_by_their_tables_or_not_at_all() -> None:
-    assert not arranged(["", ""], np.array([3.0, 900.0])).is_known
-    assert arranged(["", ""], np.array([3.0, 900.0]), [1, 0]).places == [1, 0]
+    assert not arrange(["", ""], np.array([3.0, 900.0])).is_known
+    assert arrange(["", ""], np.array([3.0, 900.0]), [1, 0]).places == [1, 0]
 
 
 def test_clocks_of_some_recordings_must_agree_with_the_dates_in_all_names() -> None:
     noon = datetime(2026, 1, 10, 12, tzinfo=UTC).timestamp()
-    assert arranged(["2026-01-10 1", "2026-01-10 2"], np.array([NONE, noon])).is_known
+    assert arrange(["2026-01-10 1", "2026-01-10 2"], np.array([NONE, noon])).is_known
     twice = np.array([NONE, noon, noon + 60.0])
-    assert not arranged(["2026-01-10 2", "2026-01-10 3", "2026-01-10 1"], twice).is_known
-    assert arranged(["2026-01-10T08-00", "2026-01-10T12-00"], np.array([NONE, noon])).places == [0, 1]
-    assert arranged(["2026-01-08 b", "2026-01-10 a"], np.array([NONE, noon])).is_dated
+    assert not arrange(["2026-01-10 2", "2026-01-10 3", "2026-01-10 1"], twice).is_known
+    assert arrange(["2026-01-10T08-00", "2026-01-10T12-00"], np.array([NONE, noon])).places == [0, 1]
+    assert arrange(["2026-01-08 b", "2026-01-10 a"], np.array([NONE, noon])).is_dated
 
 
 @pytest.mark.parametrize("against", daily(["first", "previous"]))
@@ -235,7 +235,7 @@ def test_batches_are_told_in_text_and_json_and_one_in_which_all_steps_are_stands
     drift = drift_of([path])
     lots = {lot.batch: lot for lot in drift.batches}
     assert set(lots) == {"lot 0", "lot 1", "lot 2"}
-    assert lots["lot 2"].changed == lots["lot 2"].units == len(stepped)
+    assert lots["lot 2"].changed_units == lots["lot 2"].units == len(stepped)
     assert lots["lot 2"].stands_out == ("changes", "steps")
     assert lots["lot 0"].stands_out == lots["lot 1"].stands_out == ()
     assert sum(sum(lot.verdicts.values()) for lot in drift.batches) == len(rows)

@@ -73,7 +73,7 @@ def test_a_link_that_leads_up_is_not_followed(logs: Path) -> None:
     (logs.parent / "elsewhere").mkdir()
     (logs.parent / "elsewhere" / "tuesday.csv").write_text(TEXT)
     (logs / "U2" / "more").symlink_to(logs.parent / "elsewhere", target_is_directory=True)
-    names = [member.name for member in storage.listed(str(logs))]
+    names = [member.name for member in storage.list_files(str(logs))]
     seen = ["U0/monday.csv", "U1/itself", "U1/monday.csv", "U2/monday.csv", "U2/more/tuesday.csv", "U3/monday.csv"]
     assert names == seen
 
@@ -86,7 +86,7 @@ def test_a_log_that_cannot_be_written_is_said_and_the_run_resumed(logs: Path, mo
     with pytest.raises(OutputError, match=f"{said}$"), log_to("/dev/full"):
         run(str(logs), out, Options(), workers=0)
     assert not list(logs.parent.glob("*.parts"))
-    monkeypatch.setattr(Progress, "planned", quietly(Progress.planned))
+    monkeypatch.setattr(Progress, "planned", quietly(Progress.log_plan))
     with assert_raises(OutputError), log_to("/dev/full"):
         run(str(logs), out, Options(), workers=0)
     told = run(str(logs), out, Options(), workers=0, append=True)

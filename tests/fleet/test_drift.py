@@ -95,12 +95,12 @@ def test_a_unit_upside_down_is_judged_so_and_the_others_as_they_sit(tmp_path: Pa
 def test_the_chance_of_a_chi_square_is_that_of_scipy() -> None:
     from scipy import stats
 
-    from flinders.comparison.pairs import chances
+    from flinders.comparison.pairs import p_values
 
     chi_square = np.geomspace(0.01, 300.0, 60)
     for freedom in (1, 2, 3, 8, 9, 30):
         expected = stats.chi2.sf(chi_square, freedom)
-        npt.assert_allclose(chances(chi_square, np.full(60, freedom)), expected, rtol=1e-9)
+        npt.assert_allclose(p_values(chi_square, np.full(60, freedom)), expected, rtol=1e-9)
 
 
 def test_units_with_a_step_are_found_and_the_others_left_alone(tmp_path: Path) -> None:
@@ -193,7 +193,7 @@ def test_rows_without_a_calibration_or_a_time_are_no_reason_to_fail(tmp_path: Pa
         UnitResult(unit="Z1", verdict="failed", code="unreadable"),
         UnitResult(unit="Z2", verdict="refused", code="one-plane"),
     ]
-    more = UnitResults.joined([replace(rows, start_s=start), UnitResults.of(lost)])
+    more = UnitResults.join([replace(rows, start_s=start), UnitResults.of(lost)])
     drift = drift_of([written(tmp_path, more)])
     assert (drift.without_calibration, drift.states["none"], drift.units) == (2, 2, 302)
 
@@ -217,7 +217,7 @@ def test_what_is_no_sorted_table_of_a_fleet_is_refused(tmp_path: Path) -> None:
 def test_the_report_says_what_is_to_be_done_and_runs_nothing_of_others(tmp_path: Path) -> None:
     rows, _ = fleet(step_deg=4.0)
     evil = UnitResult(unit="<script>alert(1)</script>", verdict="failed", code="unreadable", message="<b>no</b>")
-    path = written(tmp_path, UnitResults.joined([UnitResults.of([evil]), rows]))
+    path = written(tmp_path, UnitResults.join([UnitResults.of([evil]), rows]))
     drift = drift_of([path])
     text = page(overview_of([path]), drift)
     assert f"{drift.states['recalibrate']} units to recalibrate" in text
@@ -264,7 +264,7 @@ def test_rows_of_no_unit_are_left_out_and_tell_no_batch(tmp_path: Path) -> None:
         UnitResult(unit=unit, verdict="failed", code="unreadable")
         for unit in ("", "(b.parquet)", "(c-1.csv)", "(d-1.csv)")
     ]
-    path = written(tmp_path, UnitResults.joined([rows, UnitResults.of(lost)]).sorted())
+    path = written(tmp_path, UnitResults.join([rows, UnitResults.of(lost)]).sorted())
     for batch in (None, "unit_of_field", "^[^-]+"):
         drift, overview = drift_of([path], batch=batch), overview_of([path], batch=batch)
         assert (drift.units, overview.units, drift.without_calibration, drift.states["none"]) == (40, 40, 4, 0)

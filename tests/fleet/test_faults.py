@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.testing as npt
 import pytest
-from benchmarks.faults import TELLING, judged, off_deg, summary, table, tallied
+from benchmarks.faults import FAULT_NOTES, judged, off_deg, summary, table, tallied
 from benchmarks.faults import Piece as Part
 from tests.sentences import assert_raises, assert_sentences
 
 import flinders
-from flinders.apps.fleet.simulate import FAULTS, FIELD_UT, HARD_UT, NOISE_UT, SOFT, fleet, unit
+from flinders.apps.fleet.simulate import FAULTS, FIELD_UT, MAX_HARD_IRON_UT, MAX_SOFT_IRON, NOISE_UT, fleet, unit
 from flinders.diagnostics.axis_swap import axis_swap_of
 from flinders.errors import UsageError
 from flinders.fitting.result import Refused
@@ -22,8 +22,8 @@ from flinders.simulate import tumble
 if TYPE_CHECKING:
     from pathlib import Path
 
-TOLD: Final = [fault for fault, kind in FAULTS.items() if kind.can_be_told]
-UNTOLD: Final = [fault for fault, kind in FAULTS.items() if not kind.can_be_told]
+TOLD: Final = [fault for fault, kind in FAULTS.items() if kind.is_detectable]
+UNTOLD: Final = [fault for fault, kind in FAULTS.items() if not kind.is_detectable]
 
 
 def test_a_unit_follows_from_seed_and_number_alone() -> None:
@@ -46,9 +46,9 @@ def test_units_are_drawn_as_they_are_said_to_be() -> None:
     assert sum(labels.values()) == pytest.approx(320, abs=4 * np.sqrt(320 * 0.6))
     assert set(labels) == {(fault, severity) for fault in FAULTS for severity in (1, 2)}
     gains = np.linalg.eigvalsh(np.stack([each.sensor.matrix for each in made]))
-    assert gains.min() >= 1 - SOFT
-    assert gains.max() <= 1 + SOFT
-    assert np.linalg.norm([each.sensor.offset for each in made], axis=1).max() <= HARD_UT
+    assert gains.min() >= 1 - MAX_SOFT_IRON
+    assert gains.max() <= 1 + MAX_SOFT_IRON
+    assert np.linalg.norm([each.sensor.offset for each in made], axis=1).max() <= MAX_HARD_IRON_UT
     assert all(NOISE_UT[0] <= each.sensor.noise <= NOISE_UT[1] for each in made)
     assert all(FIELD_UT[0] <= each.field_strength <= FIELD_UT[1] for each in made)
 
@@ -165,4 +165,4 @@ def test_the_table_counts_what_was_said() -> None:
         total
     )
     assert_sentences(summary(total))
-    assert "outliers" in TELLING
+    assert "outliers" in FAULT_NOTES

@@ -155,7 +155,7 @@ def test_only_the_guilty_file_of_a_partition_is_lost(
     from flinders.apps.fleet import plan
 
     write_csv(logs / "U3" / "poison.csv", FIELDS[0])
-    monkeypatch.setattr(plan, "LEAST_PARTITIONS", 1)
+    monkeypatch.setattr(plan, "MIN_PARTITIONS", 1)
     monkeypatch.setattr(worker, "calibrate_partition", deadly)
     assert len(plan_of(str(logs), Options()).partitions) == 1
     told = run(str(logs), tmp_path / "out.parquet", Options(), workers=2)
@@ -273,7 +273,7 @@ def test_files_with_the_same_names_of_columns_are_written_in_different_ways(
     """Delimiter, decimal sign, order of the columns, unit of the time: each file of a partition is read as it is."""
     from flinders.apps.fleet import plan
 
-    monkeypatch.setattr(plan, "LEAST_PARTITIONS", 1)
+    monkeypatch.setattr(plan, "MIN_PARTITIONS", 1)
     field, time = FIELDS[0], np.arange(150)
     rows = [[f"{each:.4f}" for each in (0.02 * at, *row)] for at, row in zip(time, field, strict=True)]
     names = ["t", "mag_x_uT", "mag_y_uT", "mag_z_uT"]
@@ -299,7 +299,7 @@ def test_files_with_the_same_names_of_columns_are_written_in_different_ways(
 def test_the_log_says_which_files_were_done_and_which_could_not_be_read(
     logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(progress, "UNREAD", 1)
+    monkeypatch.setattr(progress, "MAX_UNREAD", 1)
     for unit in ("U7", "U8", "U9"):
         (logs / f"{unit}.csv").write_bytes(b"")
     with log_to(tmp_path / "log.jsonl"):
@@ -361,7 +361,7 @@ def test_a_start_that_came_to_nothing_is_no_earlier_run(
 ) -> None:
     """A scheduler that is not there, Ctrl-C before anything is done, and a program that was killed by then."""
     pytest.importorskip("distributed")
-    monkeypatch.setattr(scheduler, "PATIENCE_S", 0.2)
+    monkeypatch.setattr(scheduler, "TIMEOUT_S", 0.2)
     out, folder, log = tmp_path / "out.parquet", tmp_path / "out.parquet.parts", tmp_path / "log.jsonl"
     with log_to(log), pytest.raises(LinkError):
         run(str(logs), out, Options(), scheduler="tcp://127.0.0.1:1")
@@ -614,11 +614,11 @@ def test_a_result_that_died_with_its_worker_is_waited_for() -> None:
             assert self.status == "finished"
             return b"rows"
 
-    assert scheduler._of_future(Future(), "tcp://127.0.0.1:8786") == b"rows"
+    assert scheduler._future_result(Future(), "tcp://127.0.0.1:8786") == b"rows"
 
 
 def test_a_scheduler_that_is_not_there_is_said(logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr(scheduler, "PATIENCE_S", 0.2)
+    monkeypatch.setattr(scheduler, "TIMEOUT_S", 0.2)
     with assert_raises(FlindersError, "link"):
         run(str(logs), tmp_path / "out.parquet", Options(), scheduler="tcp://127.0.0.1:1")

@@ -235,14 +235,14 @@ def test_each_reading_is_in_one_partition(
     for place, (begin, end) in enumerate(zip([0, *ends], ends, strict=False)):
         parquet.write_table(WHOLE.slice(begin, end - begin), folder / f"{place}.parquet", row_group_size=group)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(plan, "LARGEST", largest)
-        patch.setattr(worker, "LARGEST", largest)
+        patch.setattr(plan, "MAX_ROWS", largest)
+        patch.setattr(worker, "MAX_ROWS", largest)
         patch.setattr(worker, "fit_jobs", counted)
         rows = [
             UnitResults.from_bytes(worker.calibrate_partition(each, options=Options()))
             for each in plan_of(str(folder), Options()).partitions
         ]
-    found = UnitResults.joined(rows)
+    found = UnitResults.join(rows)
     assert dict(zip(found.unit.tolist(), found.readings.tolist(), strict=True)) == {
         unit: len(samples) for unit, samples in SAMPLES.items()
     }
@@ -280,7 +280,7 @@ def test_rows_come_back_from_arrow_as_they_were(rows: list[UnitResult]) -> None:
 @given(st.lists(rows_of, max_size=6), st.integers(0, 6))
 def test_sorting_does_not_depend_on_where_a_table_was_cut(rows: list[UnitResult], cut: int) -> None:
     whole = UnitResults.of(rows).sorted()
-    joined = UnitResults.joined([UnitResults.of(rows[:cut]).sorted(), UnitResults.of(rows[cut:]).sorted()]).sorted()
+    joined = UnitResults.join([UnitResults.of(rows[:cut]).sorted(), UnitResults.of(rows[cut:]).sorted()]).sorted()
     assert [repr(whole.row(place)) for place in range(len(rows))] == [
         repr(joined.row(place)) for place in range(len(rows))
     ]

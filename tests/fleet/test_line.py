@@ -16,11 +16,11 @@ from tests.sentences import assert_raises, assert_sentences
 import flinders
 from flinders import simulate
 from flinders.apps.fleet import UnitResults
-from flinders.apps.fleet.contents import recognised
+from flinders.apps.fleet.contents import contents_of
 from flinders.apps.fleet.job import Outputs, run
 from flinders.apps.fleet.options import Options
 from flinders.apps.fleet.simulate import FAULTS, LineTruth, line_of
-from flinders.apps.fleet.store import NoCalibration, document_of, options_of, rows_of, valid_at
+from flinders.apps.fleet.store import NoCalibration, calibration_at, document_of, options_of, rows_of
 from flinders.apps.fleet.tables import read_table
 from flinders.cli import main
 from flinders.errors import DocumentError, UsageError
@@ -104,13 +104,13 @@ def test_a_csv_that_is_cut_short_or_has_no_rows_is_no_fault_of_ours() -> None:
     Path("cut.csv").write_text("\n".join([names, *lines[:-1], lines[-1][: len(lines[-1]) // 2]]), encoding="utf-8")
     with assert_raises(DocumentError):
         read_table("cut.csv")
-    assert recognised("cut.csv") is None
+    assert contents_of("cut.csv") is None
     Path("empty.csv").write_text(f"{names}\n", encoding="utf-8")
-    empty = recognised("empty.csv")
+    empty = contents_of("empty.csv")
     assert empty is not None
-    assert (empty.recordings, empty.instead[-18:]) == (0, ": give a recording")
+    assert (empty.recordings, empty.advice[-18:]) == (0, ": give a recording")
     Path("long.csv").write_text(f'unit,note\nA,"{"x" * 200_000}"\n', encoding="utf-8")
-    assert recognised("long.csv") is None
+    assert contents_of("long.csv") is None
 
 
 def test_what_takes_parquet_alone_says_so_of_csv() -> None:
@@ -132,7 +132,7 @@ def test_folders_and_tables_of_many_units_are_told_from_recordings() -> None:
     many(10)
     run("logs", "out.parquet", Options(), workers=0)
     run("logs", "out.csv", Options(), workers=0)
-    kinds = {path: recognised(path) for path in ("logs", "many.parquet", "many.csv", "out.parquet", "out.csv")}
+    kinds = {path: contents_of(path) for path in ("logs", "many.parquet", "many.csv", "out.parquet", "out.csv")}
     assert {path: (known.kind, known.units) for path, known in kinds.items() if known} == {
         "logs": ("folder", 4),
         "many.parquet": ("readings of many units", 10),
@@ -140,7 +140,7 @@ def test_folders_and_tables_of_many_units_are_told_from_recordings() -> None:
         "out.parquet": ("table of a fleet", 4),
         "out.csv": ("table of a fleet", 4),
     }
-    assert recognised("logs/A/2026-03-01.csv") is None
+    assert contents_of("logs/A/2026-03-01.csv") is None
     for path, code in (("logs", 0), ("many.csv", 0), ("out.parquet", 0)):
         assert json.loads(ran(f"flinders info {path} --json")[1])["path"] == path
         assert ran(f"flinders calibrate {path}")[0] == 2
@@ -171,21 +171,21 @@ def when(day: str) -> datetime:
 def test_a_calibration_is_valid_until_the_next_one_of_its_unit() -> None:
     run("logs", "out.parquet", Options(), workers=0)
     rows = rows_of("out.parquet", "A")
-    found = {day: valid_at(rows, "A", when(day)) for day in ("2026-05-31", "2026-06-01", "2026-12-31")}
+    found = {day: calibration_at(rows, "A", when(day)) for day in ("2026-05-31", "2026-06-01", "2026-12-31")}
     assert [one.row.recording for one in found.values()] == ["2026-03-01.csv", "2026-06-01.csv", "2026-06-01.csv"]
     assert [row.recording for row in found["2026-12-31"].later] == ["2026-07-01.csv"]
-    assert valid_at(rows, "A").row.recording == "2026-06-01.csv"
+    assert calibration_at(rows, "A").row.recording == "2026-06-01.csv"
     with pytest.raises(NoCalibration):
-        valid_at(rows, "A", when("2026-02-01"))
+        calibration_at(rows, "A", when("2026-02-01"))
     with pytest.raises(NoCalibration, match="too-few-samples"):
-        valid_at(rows_of("out.parquet", "C"), "C")
+        calibration_at(rows_of("out.parquet", "C"), "C")
     with assert_raises(UsageError):
         rows_of("out.parquet", "A ")
 
 
 def test_it_is_written_as_an_ordinary_calibration_file() -> None:
     run("logs", "out.parquet", Options(), workers=0)
-    row = valid_at(rows_of("out.parquet", "A"), "A", when("2026-04-01")).row
+    row = calibration_at(rows_of("out.parquet", "A"), "A", when("2026-04-01")).row
     loaded = fit_from(document_of(row, options_of("out.parquet")))
     fit = flinders.fit(flinders.open_recording("logs/A/2026-03-01.csv"), site=flinders.Site(inclination_deg=60.0))
     assert np.allclose(loaded.calibration.offset, fit.calibration.offset)

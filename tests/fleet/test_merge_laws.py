@@ -36,7 +36,7 @@ def merged(parts: list[UnitResults], folder: Path, group: int) -> bytes:
     for path, part in zip(paths, parts, strict=True):
         path.write_bytes(part.to_bytes())
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(merging, "GROUP", group)
+        patch.setattr(merging, "GROUP_ROWS", group)
         merge(paths, folder / "all.parquet")
     return (folder / "all.parquet").read_bytes()
 

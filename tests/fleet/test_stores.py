@@ -14,7 +14,7 @@ from flinders import simulate
 from flinders.apps.fleet import UnitResults
 from flinders.apps.fleet.job import run
 from flinders.apps.fleet.options import Options
-from flinders.apps.fleet.plan import LOOKS, plan_of
+from flinders.apps.fleet.plan import MAX_OPEN_FILES, plan_of
 from flinders.cli import main
 from flinders.errors import OutputError, OutputExists, UnreadableInput
 
@@ -80,7 +80,7 @@ def test_looking_at_files_takes_a_request_each_and_many_at_a_time(
     plan = plan_of("s3://fleet/many/", Options())
     assert plan.files == 110
     assert bucket.asked == 2 + 110, "two pages of the list, and footers"
-    assert 8 < bucket.most <= LOOKS
+    assert 8 < bucket.most <= MAX_OPEN_FILES
 
 
 @pytest.mark.parametrize("scheme", ["s3", "gs"])

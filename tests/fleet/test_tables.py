@@ -456,7 +456,7 @@ def test_a_file_that_could_not_be_opened_at_first_fails_with_that_error(
         raise UnreadableInput("the store does not answer")
 
     with monkeypatch.context() as patch:
-        patch.setattr(plan, "opened", closed)
+        patch.setattr(plan, "open_table_file", closed)
         (partition,) = plan_of(str(folder), Options()).partitions
     partition = pickle.loads(pickle.dumps(partition))
     rows = UnitResults.from_bytes(worker.calibrate_partition(partition, options=Options()))
@@ -476,7 +476,7 @@ def test_a_file_that_goes_while_the_run_goes_on_is_counted_once(
     partitions = plan_of(str(folder), Options()).partitions
     for path in folder.rglob("*.parquet"):
         path.unlink()
-    rows = UnitResults.joined(
+    rows = UnitResults.join(
         [UnitResults.from_bytes(worker.calibrate_partition(each, options=Options())) for each in partitions]
     )
     assert told(rows) == {"(a.parquet)": (300, "unreadable"), "U2": UNREADABLE}

@@ -35,7 +35,7 @@ def sim(seed: int, *, limited: bool) -> Samples:
         turning = simulate.rocked(rng, seconds=60.0, rate_hz=100.0, amplitudes_deg=(5.0, 5.0, 90.0))
     else:
         turning = simulate.hand_tumble(rng, seconds=60.0, rate_hz=100.0, speed=0.5, smoothness=1.5)
-    field = simulate.seen_from(turning.attitudes, np.array([200.0, -40.0, 480.0])) + HARD_IRON
+    field = simulate.in_body_axes(turning.attitudes, np.array([200.0, -40.0, 480.0])) + HARD_IRON
     raw = field + rng.normal(0.0, 1.0, field.shape)
     return Samples.of(raw, unit="mG", time=turning.time, rate=turning.rate + rng.normal(0.0, 0.005, field.shape))
 
@@ -44,7 +44,7 @@ def magyc(seed: int, amplitudes_deg: tuple[float, float, float]) -> Samples:
     """6,000 readings at 10 Hz, 10 mG and 10 mrad/s."""
     rng = np.random.default_rng(seed)
     turning = simulate.rocked(rng, seconds=600.0, rate_hz=10.0, amplitudes_deg=amplitudes_deg)
-    field = simulate.seen_from(turning.attitudes, FIELD_MG) @ SOFT_IRON + HARD_IRON
+    field = simulate.in_body_axes(turning.attitudes, FIELD_MG) @ SOFT_IRON + HARD_IRON
     raw = field + rng.normal(0.0, 10.0, field.shape)
     rate = turning.rate + np.array([0.004, -0.005, 0.002]) + rng.normal(0.0, 0.01, field.shape)
     return Samples.of(raw, unit="mG", time=turning.time, rate=rate)

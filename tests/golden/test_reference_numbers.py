@@ -22,7 +22,7 @@ from flinders.estimators import Estimator, Readings
 from flinders.estimators.algebraic import Algebraic
 from flinders.estimators.consistent import Consistent
 from flinders.estimators.likelihood import Likelihood
-from flinders.geometry.ellipsoid import symmetric, upper
+from flinders.geometry.ellipsoid import symmetric_matrix, upper_entries
 
 if TYPE_CHECKING:
     from tests.trials import Choose
@@ -136,10 +136,10 @@ def test_the_cost_of_the_paper_runs_away(half: float) -> None:
     body = carried(rng.uniform(-half, half, 2000), rng.uniform(-20.0, 20.0, 2000), 0.0, 31.0)
     field = 0.5 * body @ distortion.T + hard + 0.005 * rng.standard_normal((2000, 3))
     left, values, _ = np.linalg.svd(0.5 * distortion)
-    truth = np.concatenate([upper(left @ np.diag(1.0 / values) @ left.T), hard])
+    truth = np.concatenate([upper_entries(left @ np.diag(1.0 / values) @ left.T), hard])
 
     def residuals(unknowns: Floats) -> Floats:
-        lengths: Floats = np.linalg.norm((field - unknowns[6:]) @ symmetric(unknowns[:6]), axis=1)
+        lengths: Floats = np.linalg.norm((field - unknowns[6:]) @ symmetric_matrix(unknowns[:6]), axis=1)
         return lengths - 1.0
 
     found = least_squares(residuals, truth, method="lm", max_nfev=400)
@@ -255,8 +255,8 @@ SEEN: Final[dict[str, Floats]] = {
     "two parallel rings": np.concatenate([ring(0.3, 2), ring(-0.4, 2)]),
     "two rings that cross": np.concatenate([ring(0.3, 2), ring(0.2, 0)]),
     "three rings": np.concatenate([ring(0.3, 2), ring(0.2, 0), ring(0.1, 1)]),
-    "nine points": simulate.uniform(np.random.default_rng(1), 9),
-    "many points": simulate.uniform(np.random.default_rng(1), 200),
+    "nine points": simulate.uniform_directions(np.random.default_rng(1), 9),
+    "many points": simulate.uniform_directions(np.random.default_rng(1), 200),
 }
 
 

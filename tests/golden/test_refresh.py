@@ -13,7 +13,7 @@ from tests.worlds import TUMBLED_SENSOR, write_field
 
 import flinders
 from flinders import simulate
-from flinders.simulate.attitudes import north_and_down, posed, seen_from
+from flinders.simulate.attitudes import attitudes_of, in_body_axes, north_and_down
 
 if TYPE_CHECKING:
     from tests.golden.sessions import Golden
@@ -32,7 +32,7 @@ def vehicle() -> None:
     _wobble("steel.csv", bent)
     rng = np.random.default_rng(6)
     for name, heading in {"north": 0.0, "east": 90.0, "south": 180.0, "west": 270.0}.items():
-        field = 50.0 * seen_from(posed(math.radians(heading), 0.0, 0.0), north_and_down(60.0))
+        field = 50.0 * in_body_axes(attitudes_of(math.radians(heading), 0.0, 0.0), north_and_down(60.0))
         write_field(f"{name}.csv", moved.read(np.tile(field, (100, 1)), rng))
 
 

@@ -11,7 +11,7 @@ from tests.sentences import assert_raises
 
 from flinders.core.axes import Axes
 from flinders.errors import ArrayError
-from flinders.geometry.angles import folded
+from flinders.geometry.angles import wrap_180
 from flinders.heading.attitude import (
     FORMULAS,
     an3192,
@@ -21,7 +21,7 @@ from flinders.heading.attitude import (
     magnetic_heading_deg,
     roll_pitch_deg,
 )
-from flinders.heading.axis_consistency import EVERY, ForeignAxes, Frames
+from flinders.heading.axis_consistency import ALL_AXES, ForeignAxes, Frames
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -56,17 +56,17 @@ def attitudes(count: int, seed: int = 1) -> tuple[Floats, Floats, Floats]:
 def test_the_heading_is_exact_at_every_attitude(dip: float) -> None:
     roll, pitch, heading = attitudes(2000)
     field, force = seen(bodies(roll, pitch, heading), dip)
-    npt.assert_allclose(folded(magnetic_heading_deg(field, force) - heading), 0.0, atol=1e-9)
+    npt.assert_allclose(wrap_180(magnetic_heading_deg(field, force) - heading), 0.0, atol=1e-9)
     npt.assert_allclose(dip_deg(field, force), dip, atol=1e-9)
     found = roll_pitch_deg(force)
-    npt.assert_allclose(folded(found[0] - roll), 0.0, atol=1e-9)
+    npt.assert_allclose(wrap_180(found[0] - roll), 0.0, atol=1e-9)
     npt.assert_allclose(found[1], pitch, atol=1e-9)
 
 
 def test_an4248_is_exact_too() -> None:
     roll, pitch, heading = attitudes(2000)
     field, force = seen(bodies(roll, pitch, heading))
-    npt.assert_allclose(folded(an4248(field, force) - heading), 0.0, atol=1e-10)
+    npt.assert_allclose(wrap_180(an4248(field, force) - heading), 0.0, atol=1e-10)
 
 
 @pytest.mark.parametrize(
@@ -74,20 +74,20 @@ def test_an4248_is_exact_too() -> None:
 )
 def test_an3192_is_as_wrong_as_it_is_known_to_be(roll: float, pitch: float, error: str) -> None:
     field, force = seen(bodies(roll, pitch, AROUND))
-    assert f"{np.abs(folded(an3192(field, force) - AROUND)).max():.1f}" == error
+    assert f"{np.abs(wrap_180(an3192(field, force) - AROUND)).max():.1f}" == error
 
 
 @pytest.mark.parametrize(("roll", "pitch"), [(40, 0), (0, 40), (-70, 0)])
 def test_an3192_is_right_with_roll_or_pitch_alone(roll: float, pitch: float) -> None:
     field, force = seen(bodies(roll, pitch, AROUND))
-    npt.assert_allclose(folded(an3192(field, force) - AROUND), 0.0, atol=1e-9)
+    npt.assert_allclose(wrap_180(an3192(field, force) - AROUND), 0.0, atol=1e-9)
 
 
 def test_a_degree_of_tilt_costs_a_level_heading_as_much_as_the_tangent_of_the_dip() -> None:
     field, _ = seen(bodies(1.0, 0.0, AROUND))
-    assert f"{np.abs(folded(level_heading_deg(field) - AROUND)).max():.2f}" == "1.73"
+    assert f"{np.abs(wrap_180(level_heading_deg(field) - AROUND)).max():.2f}" == "1.73"
     field, _ = seen(bodies(0.0, 0.0, AROUND))
-    npt.assert_allclose(folded(level_heading_deg(field) - AROUND), 0.0, atol=1e-12)
+    npt.assert_allclose(wrap_180(level_heading_deg(field) - AROUND), 0.0, atol=1e-12)
     npt.assert_allclose(level_heading_deg(field[:, :2]), level_heading_deg(field), atol=1e-12)
 
 
@@ -95,13 +95,13 @@ def test_z_may_point_up() -> None:
     """x forward, y left, z up, as many boards are printed: the heading of x is the same."""
     roll, pitch, heading = attitudes(200)
     field, force = (vector * [1.0, -1.0, -1.0] for vector in seen(bodies(roll, pitch, heading)))
-    npt.assert_allclose(folded(magnetic_heading_deg(field, force) - heading), 0.0, atol=1e-9)
+    npt.assert_allclose(wrap_180(magnetic_heading_deg(field, force) - heading), 0.0, atol=1e-9)
 
 
 def test_gravity_in_place_of_specific_force_turns_headings_backwards() -> None:
     roll, pitch, heading = attitudes(200)
     field, force = seen(bodies(roll, pitch, heading))
-    npt.assert_allclose(folded(magnetic_heading_deg(field, -force) + heading), 0.0, atol=1e-9)
+    npt.assert_allclose(wrap_180(magnetic_heading_deg(field, -force) + heading), 0.0, atol=1e-9)
 
 
 def test_where_there_is_no_heading_there_is_none() -> None:
@@ -147,7 +147,7 @@ def undone(axes: Axes, values: Floats) -> Floats:
     return recorded
 
 
-@pytest.mark.parametrize("axes", EVERY, ids=str)
+@pytest.mark.parametrize("axes", ALL_AXES, ids=str)
 def test_each_way_to_mistake_axes_is_named_where_the_hemisphere_is_known(axes: Axes) -> None:
     field, force = tumbled()
     frames = Frames.of(field, undone(axes, force))
@@ -161,7 +161,7 @@ def test_each_way_to_mistake_axes_is_named_where_the_hemisphere_is_known(axes: A
     assert refused.value.fitting_deg < 3.0
 
 
-@pytest.mark.parametrize("axes", [axes for axes in EVERY if not axes.is_mirror], ids=str)
+@pytest.mark.parametrize("axes", [axes for axes in ALL_AXES if not axes.is_mirror], ids=str)
 def test_each_right_handed_mistake_is_named_anywhere(axes: Axes) -> None:
     field, force = tumbled(dip=-40.0)
     frames = Frames.of(field, undone(axes, force))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flinders.geometry.ellipsoid import Ellipsoid, symmetric
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric_matrix
 from flinders.heading.error_propagation import level_bound_deg, level_error, level_gradients
 
 DRAWS = 20_000
@@ -14,7 +14,7 @@ DRAWS = 20_000
 @pytest.mark.parametrize("seed", range(6))
 def test_simulated_errors_stay_within_the_bound_in_nineteen_of_twenty_turns(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    ellipsoid = Ellipsoid(rng.normal(size=3), 50.0 * np.eye(3) + symmetric(rng.normal(size=6)))
+    ellipsoid = Ellipsoid(rng.normal(size=3), 50.0 * np.eye(3) + symmetric_matrix(rng.normal(size=6)))
     root = rng.normal(size=(9, 9)) * np.exp(rng.normal(size=9))
     covariance = 0.01 * root @ root.T
     bound = level_bound_deg(ellipsoid, covariance)

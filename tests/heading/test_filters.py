@@ -18,7 +18,7 @@ from flinders.cli import main
 from flinders.core.samples import Samples
 from flinders.fitting.filtering import filtered_finding
 from flinders.heading.error_propagation import level_turn
-from flinders.heading.smoothing import NAMES, PATIENCE, Filter, Name, filtered
+from flinders.heading.smoothing import MAX_REJECTED, NAMES, Filter, Name, filter_recording
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -35,7 +35,7 @@ ALL: Final = pytest.mark.parametrize("name", NAMES)
 
 def passed(field: Floats, by: Filter, *, time: Floats | None = None) -> Floats:
     samples = Samples(field, time=time)
-    return np.concatenate([block.field for block in filtered(samples, by).blocks()])
+    return np.concatenate([block.field for block in filter_recording(samples, by).blocks()])
 
 
 def circle(step_deg: float, rows: int = 4000) -> Floats:
@@ -74,7 +74,7 @@ def written(path: Path, field: Floats, time: Floats | None = None) -> str:
 def test_a_mean_and_a_kalman_filter_shrink_a_circle_by_their_formula(name: Name, width: int, step_deg: float) -> None:
     by = Filter(name, width)
     radii = np.linalg.norm(passed(circle(step_deg), by)[300:-300], axis=1)
-    npt.assert_allclose(radii, 50.0 * by.keeps(step_deg), atol=1e-6)
+    npt.assert_allclose(radii, 50.0 * by.remaining_share(step_deg), atol=1e-6)
 
 
 @pytest.mark.parametrize(("width", "step_deg"), [(5, 0.5), (9, 1.0), (21, 1.0), (41, 2.0), (5, 10.0), (9, 20.0)])
@@ -85,7 +85,7 @@ def test_a_median_cuts_the_ends_of_each_axis_off(width: int, step_deg: float) ->
     out = passed(field, by)[100:-100]
     ends = np.abs(out[:, :2]).max(axis=0) / 50.0
     step = np.deg2rad(step_deg)
-    cut = np.arccos(by.keeps(step_deg))
+    cut = np.arccos(by.remaining_share(step_deg))
     assert np.all(ends <= np.cos(cut) + 1e-12)
     assert np.all(ends >= np.cos(cut + step) - 1e-12)
     inner = np.abs(field[100:-100, :2]) < 50.0 * np.cos(2.0 * cut + step)
@@ -177,7 +177,7 @@ def test_a_tumble_by_hand_shrinks_and_its_claim_stays_honest(
     off, claimed, shrunk, claim = [], [], [], trials(12, 4)
     for seed in claim.seeds:
         made = simulate.tumble(seed=seed, motion="hand", n=1500, rate_hz=rate_hz, noise=0.5)
-        recording = made.samples if by is None else filtered(made.samples, Filter.of(by))
+        recording = made.samples if by is None else filter_recording(made.samples, Filter.of(by))
         fit = flinders.fit(recording, target_deg=30.0)
         off.append(off_deg(fit, made.sensor))
         claimed.append(fit.heading_error_deg.rms)
@@ -221,7 +221,7 @@ def test_a_field_that_has_really_changed_is_followed(jump: float) -> None:
     true[200:400] += jump
     stream = Filter("kalman", 9).start(centred=False)
     through = stream.push(true + 0.3 * rng.standard_normal(true.shape))
-    late = [slice(200 + PATIENCE, 400), slice(400 + PATIENCE, 600)]
+    late = [slice(200 + MAX_REJECTED, 400), slice(400 + MAX_REJECTED, 600)]
     for rows in late:
         assert np.abs(through.field[rows] - true[rows]).max() < 1.8
     assert stream.restarts == 2
@@ -237,7 +237,7 @@ def test_a_turn_that_begins_after_a_rest_does_not_lock_the_filter_out(step_deg: 
     through = stream.push(field)
     assert through.accepted[320:].all()
     radii = np.linalg.norm(through.field[400:, :2], axis=1)
-    npt.assert_allclose(radii, 50.0 * Filter("kalman", 5).keeps(step_deg), atol=1.0)
+    npt.assert_allclose(radii, 50.0 * Filter("kalman", 5).remaining_share(step_deg), atol=1.0)
 
 
 def test_values_that_never_changed_do_not_make_the_gate_shut() -> None:

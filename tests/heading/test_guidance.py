@@ -19,7 +19,7 @@ from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.heading.error_propagation import direction_errors_deg, level_turn
 from flinders.heading.guidance import Guidance, guide, poses
 from flinders.simulate import Sensor
-from flinders.summary.coverage import CELLS
+from flinders.summary.coverage import CELL_CENTRES
 
 if TYPE_CHECKING:
     from numpy.random import Generator
@@ -76,7 +76,7 @@ def swept(down: Floats, count: int) -> Floats:
 
 def cap(sensor: Sensor, rng: Generator) -> Floats:
     """Readings within 40° of one direction."""
-    pole, directions = simulate.uniform(rng, 1)[0], simulate.fibonacci(2000)
+    pole, directions = simulate.uniform_directions(rng, 1)[0], simulate.fibonacci(2000)
     near = directions[directions @ pole > np.cos(np.deg2rad(40.0))]
     return sensor.read(50.0 * rng.permutation(near)[:150], rng)
 
@@ -99,7 +99,7 @@ def where_next(followed: str, fit: Fit, goal: Goal, rng: Generator) -> Floats:
     one = {
         "advice": advised(fit, goal).direction,
         "hole": fit.evidence.coverage.hole,
-        "chance": simulate.uniform(rng, 1)[0],
+        "chance": simulate.uniform_directions(rng, 1)[0],
     }
     return np.tile(one[followed], (BATCH, 1))
 
@@ -174,7 +174,7 @@ def test_errors_are_those_of_the_cells_and_the_worst_is_the_goals() -> None:
     fit = judged(begun("tilted", 1, 1.0)[1])
     attitude, heading = advised(fit, "attitude"), advised(fit, "heading")
     np.testing.assert_allclose(
-        attitude.errors_deg, direction_errors_deg(fit.calibration.ellipsoid, fit.claim.covariance, CELLS)
+        attitude.errors_deg, direction_errors_deg(fit.calibration.ellipsoid, fit.claim.covariance, CELL_CENTRES)
     )
     np.testing.assert_array_equal(attitude.errors_deg, heading.errors_deg)
     assert attitude.worst_deg == pytest.approx(attitude.errors_deg.max())
@@ -242,7 +242,7 @@ def met(words: str, frame: Frame, dip_deg: float) -> Floats:
     """(360, 3) directions of the field that a body meets while it is turned once around as the words say."""
     attitude = attitude_of(words) if frame == "vehicle" else standing_on(down_of(words))
     headings = simulate.turns(np.outer(np.deg2rad(np.arange(360.0)), [0.0, 0.0, 1.0]))
-    return simulate.seen_from(headings @ attitude, simulate.north_and_down(dip_deg))
+    return simulate.in_body_axes(headings @ attitude, simulate.north_and_down(dip_deg))
 
 
 def standing_on(down: Floats) -> Floats:
@@ -256,7 +256,7 @@ def standing_on(down: Floats) -> Floats:
 @pytest.mark.parametrize("frame", ["vehicle", "sensor"])
 def test_whoever_does_what_the_words_say_meets_the_field_where_it_was_wanted(frame: Frame, dip_deg: float) -> None:
     misses = []
-    for wanted in CELLS:
+    for wanted in CELL_CENTRES:
         words = Guidance(np.zeros(100), 2.0, wanted, 1.0, dip_deg=dip_deg).words(frame)
         misses.append(np.rad2deg(np.arccos(np.max(met(words, frame, dip_deg) @ wanted))))
     assert max(misses) <= 15.5

@@ -9,8 +9,8 @@ import numpy.testing as npt
 import pytest
 
 from flinders import simulate
-from flinders.geometry.angles import folded
-from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
+from flinders.geometry.angles import wrap_180
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric_matrix, upper_entries
 from flinders.heading.error_propagation import (
     attitude_limit_deg,
     deviation_covariance,
@@ -45,7 +45,11 @@ DOWNS: Final = [np.array(down) for down in ([0.1, 0.2, 1.0], [1.0, 0.0, 0.0], [0
 def turned(ellipsoid: Ellipsoid, covariance: Floats, rotation: Floats) -> tuple[Ellipsoid, Floats]:
     """The same sensor in axes that are turned."""
     change = np.stack(
-        [np.concatenate([rotation @ e[:3], upper(rotation @ symmetric(e[3:]) @ rotation.T)]) for e in np.eye(9)], axis=1
+        [
+            np.concatenate([rotation @ e[:3], upper_entries(rotation @ symmetric_matrix(e[3:]) @ rotation.T)])
+            for e in np.eye(9)
+        ],
+        axis=1,
     )
     moved = Ellipsoid(rotation @ ellipsoid.centre, rotation @ ellipsoid.shape @ rotation.T)
     return moved, change @ covariance @ change.T
@@ -71,7 +75,7 @@ def scattered(tilt_deg: float, dip_deg: float, trials: int) -> Floats:
     tilts = simulate.turns(np.deg2rad(tilt_deg) * axes)
     squares = []
     for change in rng.multivariate_normal(np.zeros(9), COVARIANCE, trials):
-        centre, inverse = SKEW.centre + change[:3], np.linalg.inv(SKEW.shape + symmetric(change[3:]))
+        centre, inverse = SKEW.centre + change[:3], np.linalg.inv(SKEW.shape + symmetric_matrix(change[3:]))
 
         def errors(tilt: Floats, centre: Floats = centre, inverse: Floats = inverse) -> Floats:
             readings = SKEW.centre + fields.T @ tilt @ SKEW.shape
@@ -125,9 +129,9 @@ def test_coefficients_of_deviation_scatter_as_the_covariance_says() -> None:
     found = []
     for step in np.random.default_rng(4).multivariate_normal(np.zeros(9), covariance, 300):
         off = readings - (SKEW.centre + step[:3])[:, np.newaxis]
-        corrected = np.linalg.solve(SKEW.shape + symmetric(step[3:]), off)
+        corrected = np.linalg.solve(SKEW.shape + symmetric_matrix(step[3:]), off)
         seen = np.rad2deg(compass(corrected.T, np.eye(3)))
-        deviation = folded(np.rad2deg(turn[::3]) - seen)
+        deviation = wrap_180(np.rad2deg(turn[::3]) - seen)
         found.append(np.linalg.lstsq(design(seen), deviation, rcond=None)[0][1:])
     wanted = deviation_covariance(SKEW, covariance, dip_deg=65.0)
     scale = np.sqrt(np.outer(np.diag(wanted), np.diag(wanted)))
@@ -192,7 +196,7 @@ def test_direction_errors_are_those_of_calibrations_drawn_from_the_covariance() 
     for change in np.random.default_rng(3).multivariate_normal(np.zeros(9), COVARIANCE, 2000):
         readings = SKEW.centre + directions @ SKEW.shape - change[:3]
         seen = readings - SKEW.centre
-        corrected = seen @ np.linalg.inv(SKEW.shape + symmetric(change[3:]))
+        corrected = seen @ np.linalg.inv(SKEW.shape + symmetric_matrix(change[3:]))
         across = np.linalg.norm(np.cross(corrected, directions), axis=1)
         squares.append(np.rad2deg(np.arctan2(across, np.sum(corrected * directions, axis=1))) ** 2)
     npt.assert_allclose(np.mean(squares, axis=0), claimed**2, rtol=0.2)

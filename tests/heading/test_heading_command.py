@@ -36,8 +36,8 @@ from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.fitting.calibrate import fit
 from flinders.fitting.fit_file import fit_from
-from flinders.geometry.angles import folded
-from flinders.geometry.ellipsoid import symmetric
+from flinders.geometry.angles import wrap_180
+from flinders.geometry.ellipsoid import symmetric_matrix
 from flinders.heading.attitude import magnetic_heading_deg
 from flinders.heading.compass import Compass
 from flinders.likelihood.site_field import Site
@@ -54,7 +54,7 @@ PROGRAM = [sys.executable, "-c", "from flinders.cli import main; main(prog_name=
 def assert_headings(ended: Ended, wanted: Floats, atol: float = 2e-3) -> None:
     """Those that were written are those that the vehicle had."""
     assert ended.code == 0, ended.err
-    npt.assert_allclose(folded(ended.columns["heading_deg"] - wanted), 0.0, atol=atol)
+    npt.assert_allclose(wrap_180(ended.columns["heading_deg"] - wanted), 0.0, atol=atol)
 
 
 @pytest.fixture
@@ -84,7 +84,7 @@ def test_headings_are_those_that_the_vehicle_had(home: Path) -> None:
 def test_headings_from_grid_north_are_the_convergence_behind(home: Path) -> None:
     ended = flinders_("heading", "calibration.json", "log.csv", "-o", "out.csv", "--json", "--grid", *ZURICH)
     columns, told = replace(ended, out=(home / "out.csv").read_text(encoding="utf-8")).columns, ended.json
-    turn = folded(columns["true_heading_deg"] - columns["grid_heading_deg"])
+    turn = wrap_180(columns["true_heading_deg"] - columns["grid_heading_deg"])
     npt.assert_allclose(turn, told["site"]["grid"]["convergence_deg"], atol=1.1e-3)
     assert told["site"]["grid"]["name"] == "UTM 32N"
     assert told["grid_declination_deg"] == told["site"]["grid_declination_deg"]
@@ -108,7 +108,7 @@ def test_true_headings_are_the_declination_further_on(home: Path) -> None:
     assert told["site"]["model"] == "WMM-2025"
     columns = Ended(0, (home / "out.csv").read_text(encoding="utf-8"), "").columns
     npt.assert_allclose(
-        folded(columns["true_heading_deg"] - columns["heading_deg"]), told["declination_deg"], atol=1.1e-3
+        wrap_180(columns["true_heading_deg"] - columns["heading_deg"]), told["declination_deg"], atol=1.1e-3
     )
     assert 3.0 < told["declination_deg"] < 4.0
     assert (columns["true_heading_deg"] < 360.0).all()
@@ -159,8 +159,8 @@ def test_legacy_formulas_go_by_their_names(home: Path) -> None:
         flinders_("heading", "calibration.json", "log.csv", "--formula", name).columns["heading_deg"]
         for name in ("exact", "an4248", "an3192")
     )
-    npt.assert_allclose(folded(named - exact), 0.0, atol=1.1e-3)
-    assert np.nanmax(np.abs(folded(wrong - exact))) > 20.0
+    npt.assert_allclose(wrap_180(named - exact), 0.0, atol=1.1e-3)
+    assert np.nanmax(np.abs(wrap_180(wrong - exact))) > 20.0
     assert_sentences(flinders_("heading", "calibration.json", "log.csv", "--formula", "an3192").err)
 
 
@@ -248,7 +248,7 @@ def test_a_mistaken_axis_is_named_and_its_remedy_works(home: Path, columns: str)
     (axes,) = re.findall(r"--acceleration-axes[= ]([-xyz,]+[xyz])", ended.err)
     again = flinders_("heading", "calibration.json", "odd.csv", *ZURICH, f"--acceleration-axes={axes}")
     assert again.code == 3  # the dip is 3.4° less than in Zürich
-    assert np.abs(folded(again.columns["heading_deg"] - tumbling()[0])).mean() < 3.0
+    assert np.abs(wrap_180(again.columns["heading_deg"] - tumbling()[0])).mean() < 3.0
 
 
 def test_without_a_site_a_dip_upwards_is_mentioned(home: Path) -> None:
@@ -466,9 +466,9 @@ def test_the_scatter_of_the_dip_contains_what_gains_of_an_accelerometer_do_to_he
         assert recording.attitudes is not None
         force = -9.81 * recording.attitudes[:, 2]
         off = rng.normal(0.0, [0.02] * 3 + [0.0087] * 3)
-        samples = replace(recording.samples, acceleration=force @ (np.eye(3) + symmetric(off)))
+        samples = replace(recording.samples, acceleration=force @ (np.eye(3) + symmetric_matrix(off)))
         headings = Compass(Calibration.identity(field_strength=50.0, raw=samples.unit)).read(samples)
-        apart = folded(headings.magnetic_deg - magnetic_heading_deg(samples.field, force))
+        apart = wrap_180(headings.magnetic_deg - magnetic_heading_deg(samples.field, force))
         dip_deg, scatter_deg = headings.frames.dip_deg
         ratios.append(float(np.std(apart)) / (scatter_deg * math.tan(math.radians(dip_deg))))
     assert np.median(ratios) == pytest.approx(1.0, abs=0.2)
@@ -491,6 +491,6 @@ def test_what_the_calibration_found_wrong_with_the_accelerometer_is_taken_off(ho
         assert aiding is not None
         off, matrix = aiding.acceleration_bias, aiding.acceleration_matrix
         compass = Compass(loaded.calibration, gravity=gravity, acceleration_bias=off, acceleration_matrix=matrix)
-        apart = folded(compass.read(samples).magnetic_deg - headings)
+        apart = wrap_180(compass.read(samples).magnetic_deg - headings)
         assert np.abs(apart).max() < 0.01
-        assert np.abs(folded(Compass(calibration).read(samples).magnetic_deg - headings)).max() > 1.0
+        assert np.abs(wrap_180(Compass(calibration).read(samples).magnetic_deg - headings)).max() > 1.0

@@ -10,7 +10,7 @@ import pytest
 from tests.trials import daily
 
 import flinders
-from flinders.comparison.level_plane import Levelled, compare_turned
+from flinders.comparison.level_plane import LevelPair, compare_with_turn
 from flinders.core.samples import Samples
 from flinders.fitting.result import Fit, bare_fit
 from flinders.targets._mounting import euler
@@ -62,7 +62,7 @@ def turned(samples: Samples) -> Fit:
 def test_a_right_calibration_agrees_with_a_level_turn(mounting: tuple[float, float, float], sway_deg: float) -> None:
     samples = reading(level_turn(sway_deg=sway_deg), mounting, 3)
     fresh = turned(samples)
-    found = compare_turned(known(mounting), fresh, samples)
+    found = compare_with_turn(known(mounting), fresh, samples)
     assert found.answer in {"holds", "cannot-tell"}
     assert found.heading_difference_deg.worst < (0.15 if sway_deg == 0.0 else 0.6)
     assert found.heading_difference_deg.dip_deg == pytest.approx(60.0, abs=0.5)
@@ -74,7 +74,7 @@ def test_differences_are_as_large_as_they_are_claimed_to_be(trials: Choose) -> N
     squares, claim = [], trials(20, 6)
     for seed in claim.seeds:
         samples = reading(level_turn(400), mounting, 100 + seed)
-        found = compare_turned(known(mounting), turned(samples), samples)
+        found = compare_with_turn(known(mounting), turned(samples), samples)
         assert found.freedom == 4
         squares.append(found.chi_square or 0.0)
     low, high = claim.ratios(2.2 / 4.0, 6.2 / 4.0)
@@ -86,15 +86,15 @@ def test_what_moved_in_the_plane_of_the_turn_is_found_and_what_moved_across_it_i
     mounting = (8.0, -5.0, 0.0)
     inside, across = (50.0 * SOFT @ euler(*mounting) @ axis / 50.0 for axis in np.eye(3)[[0, 2]])
     moved = reading(level_turn(), mounting, 5, inside)
-    found = compare_turned(known(mounting), turned(moved), moved)
+    found = compare_with_turn(known(mounting), turned(moved), moved)
     assert found.answer == "fails"
     assert found.heading_difference_deg.worst == pytest.approx(np.rad2deg(1.0 / 25.0), rel=0.1)
     higher = reading(level_turn(), mounting, 5, across)
-    assert compare_turned(known(mounting), turned(higher), higher).answer == "holds"
+    assert compare_with_turn(known(mounting), turned(higher), higher).answer == "holds"
 
 
 def test_a_calibration_that_is_taken_as_exact_adds_nothing_to_the_claim() -> None:
     samples = reading(level_turn(), (0.0, 0.0, 0.0), 6)
     exact = bare_fit(known((0.0, 0.0, 0.0)).calibration)
-    held = Levelled.of(exact, turned(samples), samples)
+    held = LevelPair.of(exact, turned(samples), samples)
     assert (held.known.claim.states_uncertainty, held.fresh.claim.states_uncertainty) == (False, True)

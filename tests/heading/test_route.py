@@ -84,7 +84,7 @@ def test_rough_finds_the_centre_of_an_arc_in_its_plane(tilt: float) -> None:
     angle = np.linspace(0.0, np.radians(100.0), 60)[:, np.newaxis]
     across = np.array([0.0, np.cos(tilt), np.sin(tilt)])
     arc = 48.0 * (np.cos(angle) * [1.0, 0.0, 0.0] + np.sin(angle) * across) + [20.0, 0.0, 0.0]
-    belief = path_planning.rough(arc + 0.2 * rng.standard_normal(arc.shape))
+    belief = path_planning.rough_belief(arc + 0.2 * rng.standard_normal(arc.shape))
     assert belief is not None
     assert np.linalg.norm(belief.ellipsoid.centre - [20.0, 0.0, 0.0]) < 2.0
     normal = np.cross([1.0, 0.0, 0.0], across)
@@ -104,7 +104,7 @@ def test_rough_finds_the_centre_of_an_arc_in_its_plane(tilt: float) -> None:
     ids=["none", "few", "still", "line", "short arc"],
 )
 def test_rough_does_not_guess(readings: np.ndarray) -> None:
-    assert path_planning.rough(readings) is None
+    assert path_planning.rough_belief(readings) is None
 
 
 def test_a_reading_at_the_centre_has_no_direction_but_makes_no_fault() -> None:

@@ -96,7 +96,7 @@ def test_split_anywhere_and_merged_it_is_the_whole(field: Floats, side: float, d
 def test_coarsening_is_sorting_into_larger_cells(field: Floats, side: float, doublings: int) -> None:
     if len(field):
         coarse = side * 2.0**doublings
-        same(Cloud.of(field, side=side)._coarsened(coarse), Cloud.of(field, side=coarse))
+        same(Cloud.of(field, side=side)._coarsen(coarse), Cloud.of(field, side=coarse))
 
 
 @given(fields.filter(len), sides)

@@ -17,8 +17,8 @@ from tests.trials import examples
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import dumps, loads
-from flinders.core.compensation import Compensator, compensated
-from flinders.core.disturbance import KINDS, Disturbance, is_column, lagged, motors
+from flinders.core.compensation import Compensator, compensate_recording
+from flinders.core.disturbance import KINDS, Disturbance, is_column, lagged_values, motor_names
 from flinders.core.joining import Joined
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
@@ -82,7 +82,7 @@ def test_a_plain_calibration_at_a_value_is_the_driven_one_there(calibration: Cal
     npt.assert_allclose(calibration.at(**values).apply(raw), calibration.apply(raw, **values), atol=1e-9)
     assert calibration.at(**values).disturbances == ()
     some = dict(list(values.items())[:1])
-    held = calibration.holding(**some)
+    held = calibration.hold_values(**some)
     others = {name: value for name, value in values.items() if name not in some}
     npt.assert_allclose(held.apply(raw, **others), calibration.apply(raw, **values), atol=1e-9)
 
@@ -132,22 +132,22 @@ def test_settled_blocks_are_the_settled_whole(calibration: Calibration, rows: in
         current=values.get("current"),
         temperature=values.get("temperature"),
         throttle=values.get("throttle"),
-        currents=np.stack([values.get(name, nothing) for name in motors("current", 12)], axis=1),
-        throttles=np.stack([values.get(name, nothing) for name in motors("throttle", 2)], axis=1),
+        currents=np.stack([values.get(name, nothing) for name in motor_names("current", 12)], axis=1),
+        throttles=np.stack([values.get(name, nothing) for name in motor_names("throttle", 2)], axis=1),
         auxiliary={name: column for name, column in values.items() if is_column(name)},
     )
     whole = Compensator(calibration)(samples).field
     settle = Compensator(calibration)
     parts = np.concatenate([settle(block).field for block in samples.blocks(rows)])
     npt.assert_allclose(parts, whole, atol=1e-9)
-    twice = compensated(Joined((samples, samples)), calibration)
+    twice = compensate_recording(Joined((samples, samples)), calibration)
     npt.assert_allclose(np.concatenate([block.field for block in twice.blocks()]), np.concatenate([whole, whole]))
 
 
 def test_a_lag_takes_what_was_logged_before() -> None:
     time = np.arange(10.0)
-    npt.assert_allclose(lagged(time**2, time, 1.0)[1:], (time**2)[:-1])
-    npt.assert_allclose(lagged(time**2, time, -1.0)[:-1], (time**2)[1:])
+    npt.assert_allclose(lagged_values(time**2, time, 1.0)[1:], (time**2)[:-1])
+    npt.assert_allclose(lagged_values(time**2, time, -1.0)[:-1], (time**2)[1:])
 
 
 @given(driven())

@@ -15,7 +15,7 @@ from tests.trials import examples
 from flinders.core.joining import Joined
 from flinders.core.samples import Samples
 from flinders.errors import UsageError
-from flinders.heading.smoothing import NAMES, WIDEST, Filter, Name, Passed, filtered
+from flinders.heading.smoothing import MAX_WIDTH, NAMES, Filter, FilteredReadings, Name, filter_recording
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -79,7 +79,7 @@ def whole(blocks: Iterator[Samples]) -> Samples:
 @FEW
 def test_where_blocks_end_changes_no_bit(name: Name, cuts: list[int], seed: int, width: int) -> None:
     samples, by = recorded(seed), Filter(name, width)
-    once, pieces = (whole(filtered(InBlocks(samples, at), by).blocks()) for at in ([], cuts))
+    once, pieces = (whole(filter_recording(InBlocks(samples, at), by).blocks()) for at in ([], cuts))
     npt.assert_array_equal(pieces.field, once.field)
     assert pieces.temperature is not None
     assert once.temperature is not None
@@ -95,7 +95,7 @@ def test_a_stream_gives_as_many_readings_as_it_takes_and_knows_no_blocks(
     samples, by = recorded(seed), Filter(name, width)
     assert samples.time is not None
     once = by.start(centred=False).push(samples.field, samples.time)
-    stream, through = by.start(centred=False), Passed.nothing()
+    stream, through = by.start(centred=False), FilteredReadings.nothing()
     for begin, end in pairwise([0, *cuts, len(samples)]):
         passed = stream.push(samples.field[begin:end], samples.time[begin:end])
         assert len(passed) == end - begin
@@ -112,7 +112,7 @@ def test_what_stands_beside_a_reading_stays_with_it(name: Name, seed: int, width
     """Rows are numbered in the column of temperatures; those that are dropped are gone with all their columns."""
     samples = recorded(seed)
     assert samples.time is not None
-    through = list(filtered(InBlocks(samples, [100, 100, 250]), Filter(name, width)).blocks())
+    through = list(filter_recording(InBlocks(samples, [100, 100, 250]), Filter(name, width)).blocks())
     rows = np.concatenate([part.temperature for part in through if part.temperature is not None]).astype(int)
     assert np.all(np.diff(rows) > 0)
     assert len(rows) == len(samples) or name == "kalman"
@@ -130,7 +130,7 @@ def test_what_stands_beside_a_reading_stays_with_it(name: Name, seed: int, width
 def test_a_constant_stays_what_it_is_to_the_last_bit(name: Name, value: float, rows: int, width: int) -> None:
     """So that a stuck axis is still seen to be stuck."""
     field = np.full((rows, 3), value)
-    out = np.concatenate([block.field for block in filtered(Samples(field), Filter(name, width)).blocks()])
+    out = np.concatenate([block.field for block in filter_recording(Samples(field), Filter(name, width)).blocks()])
     npt.assert_array_equal(out, field)
 
 
@@ -157,7 +157,7 @@ def test_moved_scaled_swapped_and_mirrored_readings_come_out_alike(
 def test_a_centred_window_does_not_know_which_way_time_goes(name: Name, seed: int, width: int) -> None:
     field = recorded(seed).field
     there, back = (
-        np.concatenate([block.field for block in filtered(Samples(rows), Filter(name, width)).blocks()])
+        np.concatenate([block.field for block in filter_recording(Samples(rows), Filter(name, width)).blocks()])
         for rows in (field, field[::-1])
     )
     npt.assert_allclose(back[::-1], there, atol=1e-11)
@@ -167,7 +167,7 @@ def test_a_centred_window_does_not_know_which_way_time_goes(name: Name, seed: in
 @FEW
 def test_a_median_is_one_of_the_readings_around(seed: int, width: int) -> None:
     field = recorded(seed).field
-    out = np.concatenate([block.field for block in filtered(Samples(field), Filter("median", width)).blocks()])
+    out = np.concatenate([block.field for block in filter_recording(Samples(field), Filter("median", width)).blocks()])
     for row in range(len(field)):
         around = field[max(row - width // 2, 0) : row + width // 2 + 1]
         assert all(out[row, axis] in around[:, axis] for axis in range(3))
@@ -182,29 +182,29 @@ def test_a_pause_and_a_new_file_make_a_filter_start_afresh(name: Name, seed: int
     time = 0.02 * np.arange(300)
     by = Filter(name, width)
     halves = Samples.of(field[:150], time=time[:150]), Samples.of(field[150:], time=time[150:])
-    alone = [block.field for half in halves for block in filtered(half, by).blocks()]
-    joined = [block.field for block in filtered(Joined(halves), by).blocks()]
+    alone = [block.field for half in halves for block in filter_recording(half, by).blocks()]
+    joined = [block.field for block in filter_recording(Joined(halves), by).blocks()]
     npt.assert_array_equal(np.concatenate(joined), np.concatenate(alone))
     if name == "kalman":  # it keeps what it knows of the noise across a pause
         return
     paused = Samples.of(field, time=np.where(np.arange(300) < 150, time, time + 1.0))
     npt.assert_array_equal(
-        np.concatenate([block.field for block in filtered(paused, by).blocks()]), np.concatenate(alone)
+        np.concatenate([block.field for block in filter_recording(paused, by).blocks()]), np.concatenate(alone)
     )
 
 
 @ALL
 @given(angle=st.floats(0.0, 180.0), width=widths)
 def test_no_filter_makes_a_circle_larger(name: Name, angle: float, width: int) -> None:
-    kept = Filter(name, width).keeps(angle)
+    kept = Filter(name, width).remaining_share(angle)
     assert 0.0 <= kept <= 1.0 + 1e-12
-    assert Filter(name, width).keeps(0.0) == 1.0
+    assert Filter(name, width).remaining_share(0.0) == 1.0
 
 
 @given(width=st.integers(-10, 1200), name=st.sampled_from(NAMES))
 def test_every_width_is_taken_or_refused_with_what_is_needed(width: int, name: Name) -> None:
     text = f"{name}:{width}"
-    good = 3 <= width <= WIDEST and (width % 2 == 1 or name == "kalman")
+    good = 3 <= width <= MAX_WIDTH and (width % 2 == 1 or name == "kalman")
     if good:
         assert Filter.of(text) == Filter(name, width)
         return

@@ -18,10 +18,10 @@ from flinders.core.axes import Axes
 from flinders.core.samples import Samples
 from flinders.core.units import PER_UNIT, SPELLINGS, Unit
 from flinders.errors import NotAnEllipsoid, UsageError
-from flinders.geometry.ellipsoid import Ellipsoid, gathered, symmetric, upper
+from flinders.geometry.ellipsoid import Ellipsoid, parameter_derivatives, symmetric_matrix, upper_entries
 from flinders.heading.error_propagation import level_error, level_turn, raw_error
 from flinders.likelihood.equations import NormalEquations
-from flinders.summary.coverage import CELLS, Coverage, cells_of, directions_of
+from flinders.summary.coverage import CELL_CENTRES, Coverage, cell_indices, corrected_directions
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -100,9 +100,9 @@ def test_what_is_not_an_ellipsoid_is_refused(coefficients: list[float]) -> None:
 
 @given(arrays(np.float64, 6, elements=st.floats(-9, 9)))
 def test_six_entries_are_a_symmetric_matrix(entries: Floats) -> None:
-    matrix = symmetric(entries)
+    matrix = symmetric_matrix(entries)
     assert np.array_equal(matrix, matrix.T)
-    assert np.array_equal(upper(matrix), entries)
+    assert np.array_equal(upper_entries(matrix), entries)
 
 
 @given(
@@ -111,8 +111,8 @@ def test_six_entries_are_a_symmetric_matrix(entries: Floats) -> None:
     arrays(np.float64, 9, elements=st.floats(-9, 9)),
 )
 def test_gathered_coefficients_are_those_of_the_bilinear_form(v: Floats, u: Floats, change: Floats) -> None:
-    wanted = v.T @ change[:3] + np.einsum("ik,ij,jk->k", v, symmetric(change[3:]), u)
-    npt.assert_allclose(gathered(v, u) @ change, wanted, atol=1e-9)
+    wanted = v.T @ change[:3] + np.einsum("ik,ij,jk->k", v, symmetric_matrix(change[3:]), u)
+    npt.assert_allclose(parameter_derivatives(v, u) @ change, wanted, atol=1e-9)
 
 
 @given(st.lists(arrays(np.float64, 9, elements=st.floats(-9, 9)), min_size=3, max_size=3))
@@ -183,7 +183,7 @@ def test_every_cell_has_a_hundredth_of_the_sphere() -> None:
     rng = np.random.default_rng(5)
     counts = np.zeros(100)
     for _ in range(4):
-        counts += Coverage.of(simulate.uniform(rng, 250_000)).counts
+        counts += Coverage.of(simulate.uniform_directions(rng, 250_000)).counts
     # A million directions: 10,000 a cell with a standard deviation of 100.
     assert counts.sum() == 1_000_000
     assert np.abs(counts - 10_000).max() < 450
@@ -191,8 +191,8 @@ def test_every_cell_has_a_hundredth_of_the_sphere() -> None:
 
 
 def test_the_centre_of_a_cell_falls_into_it() -> None:
-    npt.assert_array_equal(cells_of(CELLS), np.arange(100))
-    npt.assert_allclose(np.linalg.norm(CELLS, axis=1), 1.0)
+    npt.assert_array_equal(cell_indices(CELL_CENTRES), np.arange(100))
+    npt.assert_allclose(np.linalg.norm(CELL_CENTRES, axis=1), 1.0)
 
 
 @given(
@@ -200,7 +200,7 @@ def test_the_centre_of_a_cell_falls_into_it() -> None:
 )
 def test_every_direction_falls_into_one_cell(directions: Floats) -> None:
     directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    cells = cells_of(directions)
+    cells = cell_indices(directions)
     assert ((cells >= 0) & (cells < 100)).all()
     coverage = Coverage.of(directions, np.arange(1.0, 6.0))
     assert coverage.readings == 15.0
@@ -213,7 +213,7 @@ def test_every_direction_falls_into_one_cell(directions: Floats) -> None:
 def test_directions_of_readings_on_the_surface_are_those_they_were_made_from(ellipsoid: Ellipsoid) -> None:
     directions = simulate.fibonacci(50)
     readings = ellipsoid.centre + directions @ ellipsoid.shape
-    npt.assert_allclose(directions_of(readings, ellipsoid), directions, atol=1e-9)
+    npt.assert_allclose(corrected_directions(readings, ellipsoid), directions, atol=1e-9)
 
 
 @given(ellipsoids(), st.floats(-85, 85))

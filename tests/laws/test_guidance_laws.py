@@ -15,11 +15,11 @@ from tests.sentences import assert_raises
 
 from flinders import simulate
 from flinders.errors import UsageError
-from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric_matrix, upper_entries
 from flinders.heading.error_propagation import direction_errors_deg, level_error, level_gradients
 from flinders.heading.guidance import guide, reading_variance
 from flinders.likelihood import magnitude
-from flinders.summary.coverage import CELLS, Coverage
+from flinders.summary.coverage import CELL_CENTRES, Coverage
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -47,7 +47,7 @@ def criterion(ellipsoid: Ellipsoid, covariance: Floats, goal: Goal, dip_deg: flo
     if goal == "heading":
         variances = [row @ covariance @ row for row in level_gradients(ellipsoid, dip_deg=dip_deg)]
     else:
-        variances = [np.trace(rows @ covariance @ rows.T) for rows in direction_gradients(ellipsoid, CELLS)]
+        variances = [np.trace(rows @ covariance @ rows.T) for rows in direction_gradients(ellipsoid, CELL_CENTRES)]
     return float(np.mean(np.power(variances, SHARPNESS)))
 
 
@@ -56,13 +56,13 @@ def test_no_other_cell_is_better_than_the_advice(seed: int, goal: Goal, dip_deg:
     ellipsoid, covariance, coverage = case(seed, rank)
     noise = 0.01 * ellipsoid.radius
     advice = guide(ellipsoid, covariance, noise=noise, coverage=coverage, dip_deg=dip_deg, goal=goal)
-    jacobian = magnitude.information(CELLS, ellipsoid)
+    jacobian = magnitude.information(CELL_CENTRES, ellipsoid)
     variance = reading_variance(ellipsoid, covariance, noise, coverage.counts) / (BATCH_SHARE * coverage.readings)
     after = []
     for row in jacobian:
         gain = covariance @ row
         after.append(criterion(ellipsoid, covariance - np.outer(gain, gain) / (variance + row @ gain), goal, dip_deg))
-    chosen = int(np.argmax(CELLS @ advice.direction))
+    chosen = int(np.argmax(CELL_CENTRES @ advice.direction))
     assert after[chosen] <= min(after) * (1 + 1e-6)
     assert advice.after_deg <= advice.worst_deg * (1 + 1e-9)
 
@@ -71,8 +71,8 @@ def test_no_other_cell_is_better_than_the_advice(seed: int, goal: Goal, dip_deg:
 def test_the_batch_is_what_an_inverse_of_the_information_gives(seed: int) -> None:
     ellipsoid, covariance, coverage = case(seed)
     advice = guide(ellipsoid, covariance, noise=0.0, coverage=coverage, batch=7)
-    jacobian = magnitude.information(CELLS, ellipsoid)
-    row = jacobian[int(np.argmax(CELLS @ advice.direction))]
+    jacobian = magnitude.information(CELL_CENTRES, ellipsoid)
+    row = jacobian[int(np.argmax(CELL_CENTRES @ advice.direction))]
     variance = reading_variance(ellipsoid, covariance, 0.0, coverage.counts)
     after = np.linalg.inv(np.linalg.inv(covariance) + 7.0 / variance * np.outer(row, row))
     assert advice.after_deg == pytest.approx(level_error(ellipsoid, after).worst, rel=1e-4)
@@ -96,7 +96,7 @@ def test_advice_turns_with_the_axes_where_the_cells_do(seed: int, goal: Goal, ov
     ellipsoid, covariance, coverage = case(seed)
     mapping = np.diag([1.0, -1.0 if over_y else 1.0, -1.0 if over_z else 1.0])
     moved, carried = turned(ellipsoid, covariance, mapping)
-    places = np.argmax(CELLS @ mapping @ CELLS.T, axis=1)
+    places = np.argmax(CELL_CENTRES @ mapping @ CELL_CENTRES.T, axis=1)
     counted = Coverage(coverage.counts[places], mapping @ coverage.hole, coverage.hole_deg)
     noise, dip_deg = 0.01 * ellipsoid.radius, 60.0
     here = guide(ellipsoid, covariance, noise=noise, coverage=coverage, dip_deg=dip_deg, goal=goal)
@@ -123,8 +123,8 @@ def criterion_after(
 ) -> float:
     """The criterion at the advice, after a batch there."""
     advice = guide(ellipsoid, covariance, noise=noise, coverage=coverage, goal=goal, batch=batch)
-    jacobian = magnitude.information(CELLS, ellipsoid)
-    row = jacobian[int(np.argmax(CELLS @ advice.direction))]
+    jacobian = magnitude.information(CELL_CENTRES, ellipsoid)
+    row = jacobian[int(np.argmax(CELL_CENTRES @ advice.direction))]
     gain = covariance @ row
     variance = reading_variance(ellipsoid, covariance, noise, coverage.counts) / batch
     return criterion(ellipsoid, covariance - np.outer(gain, gain) / (variance + row @ gain), goal, 60.0)
@@ -133,7 +133,11 @@ def criterion_after(
 def turned(ellipsoid: Ellipsoid, covariance: Floats, rotation: Floats) -> tuple[Ellipsoid, Floats]:
     """The same sensor in axes that are turned or mirrored."""
     change = np.stack(
-        [np.concatenate([rotation @ e[:3], upper(rotation @ symmetric(e[3:]) @ rotation.T)]) for e in np.eye(9)], axis=1
+        [
+            np.concatenate([rotation @ e[:3], upper_entries(rotation @ symmetric_matrix(e[3:]) @ rotation.T)])
+            for e in np.eye(9)
+        ],
+        axis=1,
     )
     moved = Ellipsoid(rotation @ ellipsoid.centre, rotation @ ellipsoid.shape @ rotation.T)
     return moved, change @ covariance @ change.T
@@ -141,7 +145,7 @@ def turned(ellipsoid: Ellipsoid, covariance: Floats, rotation: Floats) -> tuple[
 
 def test_nothing_to_learn_and_nothing_known_are_both_answered() -> None:
     sphere = Ellipsoid(np.zeros(3), 50.0 * np.eye(3))
-    empty = Coverage(np.zeros(100), CELLS[0], 180.0)
+    empty = Coverage(np.zeros(100), CELL_CENTRES[0], 180.0)
     known = guide(sphere, np.zeros((9, 9)), noise=0.0, coverage=empty)
     assert (known.worst_deg, known.after_deg) == (0.0, 0.0)
     assert known.is_reached(1e-9)

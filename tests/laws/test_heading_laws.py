@@ -8,10 +8,10 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from flinders.geometry.angles import folded, shown_heading, wrapped
+from flinders.geometry.angles import heading_text, wrap_180, wrap_360
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.heading.attitude import dip_deg, magnetic_heading_deg
-from flinders.heading.axis_consistency import EVERY, Frames
+from flinders.heading.axis_consistency import ALL_AXES, Frames
 from flinders.heading.error_propagation import attitude_limit_deg, tilted_error
 
 angles = st.floats(-1e6, 1e6)
@@ -21,12 +21,12 @@ vectors = arrays(np.float64, 3, elements=st.floats(-100.0, 100.0))
 
 @given(angles)
 def test_an_angle_that_is_wrapped_lies_in_the_circle_and_is_the_same(angle: float) -> None:
-    around, across = float(wrapped(angle)), float(folded(angle))
+    around, across = float(wrap_360(angle)), float(wrap_180(angle))
     assert 0.0 <= around < 360.0
     assert -180.0 < across <= 180.0
     for found in (around, across):
         assert abs((angle - found) / 360.0 - round((angle - found) / 360.0)) < 1e-8
-    assert 0.0 <= float(shown_heading(angle)[:-1]) < 360.0
+    assert 0.0 <= float(heading_text(angle)[:-1]) < 360.0
 
 
 @given(vectors, vectors, st.floats(0.1, 1e3), st.floats(0.1, 1e3))
@@ -35,7 +35,7 @@ def test_a_heading_does_not_depend_on_lengths(field: np.ndarray, force: np.ndarr
     assume(np.isfinite(first) and np.isfinite(second) and min(np.linalg.norm(field), np.linalg.norm(force)) > 1e-3)
     assume(np.linalg.norm(np.cross(field, force)) > 1e-3 * np.linalg.norm(field) * np.linalg.norm(force))
     assume(np.linalg.norm(force[1:]) > 1e-3 * np.linalg.norm(force))
-    npt.assert_allclose(folded(first - second), 0.0, atol=1e-6)
+    npt.assert_allclose(wrap_180(first - second), 0.0, atol=1e-6)
 
 
 @given(headings, headings, st.floats(-80.0, 80.0), st.floats(-80.0, 80.0), st.floats(-180.0, 180.0))
@@ -53,7 +53,7 @@ def test_a_turn_about_the_vertical_turns_the_heading_by_as_much(
         return field, body @ np.array([0.0, 0.0, -9.8])
 
     before, after = (magnetic_heading_deg(*read(heading)) for heading in (start, start + turn))
-    npt.assert_allclose(folded(after - before - turn), 0.0, atol=1e-6)
+    npt.assert_allclose(wrap_180(after - before - turn), 0.0, atol=1e-6)
     npt.assert_allclose(dip_deg(*read(start)), dip, atol=1e-6)
 
 
@@ -62,7 +62,7 @@ def test_the_scatter_of_the_dip_is_that_of_the_readings(field: np.ndarray, force
     assume(np.linalg.norm(field, axis=1).min() > 1e-3 and np.linalg.norm(force, axis=1).min() > 1e-3)
     force = force / np.linalg.norm(force, axis=1, keepdims=True)
     frames = Frames.of(field, force)
-    for axes in EVERY[::7]:
+    for axes in ALL_AXES[::7]:
         sines = np.sin(np.deg2rad(dip_deg(field, axes.apply(force))))
         npt.assert_allclose(frames.dip(axes), (sines.mean(), sines.std()), atol=1e-7)
 

@@ -7,12 +7,12 @@ from hypothesis import strategies as st
 
 from flinders.readers._cells import decimal
 from flinders.readers._recognition import recognise
-from flinders.readers._tokenizer import cut, like, names_of, pattern_of
+from flinders.readers._tokenizer import compile_pattern, names_of, pattern_of, split_line
 from flinders.readers.dialects.pattern import Pattern
 
 numbers = st.floats(-1e4, 1e4).map(lambda value: f"{value:.3f}") | st.integers(-32768, 32767).map(str)
 words = st.text("abcdefghijklmnopqrstuvwyz _-ABCDEFMXYZ", min_size=0, max_size=8).map(str.strip)
-labels = words.filter(lambda label: not cut(label)[0])  # ``ovf`` is a number that overflowed
+labels = words.filter(lambda label: not split_line(label)[0])  # ``ovf`` is a number that overflowed
 signs = st.sampled_from([":", "=", ": ", " = ", " [", " ("])
 units = st.sampled_from(["uT", "µT", "mG", "gauss", "nT"])
 
@@ -20,7 +20,7 @@ units = st.sampled_from(["uT", "µT", "mG", "gauss", "nT"])
 @given(st.lists(st.tuples(labels, signs, numbers), min_size=1, max_size=10))
 def test_the_numbers_of_a_labelled_line_come_back(items: list[tuple[str, str, str]]) -> None:
     line = ", ".join(f"{label}{sign}{number}" for label, sign, number in items)
-    found, gaps = cut(line)
+    found, gaps = split_line(line)
     assert found == [number for _, _, number in items]
     assert len(gaps) == len(found) + 1 == len(names_of(gaps)) + 1
 
@@ -56,8 +56,8 @@ def test_two_lines_that_run_together_are_no_reading(xyz: list[str]) -> None:
 @given(st.lists(st.tuples(labels, signs, numbers), min_size=3, max_size=6))
 def test_the_quick_way_finds_what_the_careful_one_does(items: list[tuple[str, str, str]]) -> None:
     line = " ".join(f"{label}{sign}{number}" for label, sign, number in items)
-    found, gaps = cut(line)
-    quick = like(gaps).fullmatch(line)
+    found, gaps = split_line(line)
+    quick = compile_pattern(gaps).fullmatch(line)
     assert quick is not None
     assert list(quick.groups()) == found
 
@@ -65,8 +65,8 @@ def test_the_quick_way_finds_what_the_careful_one_does(items: list[tuple[str, st
 @given(st.lists(numbers, min_size=3, max_size=5), st.sampled_from(["<{}>", "{}|{}", "N{} /", "a{}b "]))
 def test_a_line_is_a_case_of_its_own_pattern(found: list[str], around: str) -> None:
     line = "".join(around.replace("{}", f" {number} ") for number in found)
-    assume(len(cut(line)[0]) >= 3)
-    assert Pattern.of(pattern_of(line)).row(line) == cut(line)[0]
+    assume(len(split_line(line)[0]) >= 3)
+    assert Pattern.of(pattern_of(line)).row(line) == split_line(line)[0]
 
 
 @given(st.integers(-32768, 32767))

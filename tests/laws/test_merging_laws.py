@@ -19,12 +19,12 @@ from tests.worlds import RANDOM_SENSOR
 import flinders
 from flinders import simulate
 from flinders.comparison.merging import NotMerged, merge
-from flinders.comparison.pairs import rescaled, trace_with, without_scale
+from flinders.comparison.pairs import remove_scale, rescale_covariance, trace_with
 from flinders.core.calibration import Calibration
 from flinders.errors import UsageError
 from flinders.fitting.fit_file import fit_from
 from flinders.fitting.result import Fit, document_of, with_calibration, with_name
-from flinders.geometry.ellipsoid import upper
+from flinders.geometry.ellipsoid import upper_entries
 
 if TYPE_CHECKING:
     from flinders.diagnostics.repeatability import Repeats
@@ -45,7 +45,7 @@ def in_field(one: Fit, factor: float) -> Fit:
     stronger = Calibration.from_ellipsoid(
         one.calibration.offset, factor * one.calibration.shape, field_strength=known, raw=one.calibration.raw
     )
-    claim = replace(one.claim, covariance=rescaled(one.claim.covariance, factor))
+    claim = replace(one.claim, covariance=rescale_covariance(one.claim.covariance, factor))
     return with_calibration(replace(one, claim=claim), stronger)
 
 
@@ -76,7 +76,7 @@ def test_order_does_not_matter(field_strength: float | None) -> None:
         found = merge(order)
         same(found, first)
         assert {finding.advice for finding in found.findings} == {finding.advice for finding in first.findings}
-        assert repeats(found).farthest.source == repeats(first).farthest.source
+        assert repeats(found).most_deviating.source == repeats(first).most_deviating.source
 
 
 @examples(15)
@@ -108,7 +108,7 @@ def test_in_two_steps_it_comes_to_the_same(field_strength: float | None) -> None
     off = np.concatenate(
         [
             in_steps.calibration.ellipsoid.centre - at_once.calibration.ellipsoid.centre,
-            upper(in_steps.calibration.ellipsoid.shape - at_once.calibration.ellipsoid.shape),
+            upper_entries(in_steps.calibration.ellipsoid.shape - at_once.calibration.ellipsoid.shape),
         ]
     )
     assert np.abs(off / sigma).max() < 0.01
@@ -131,7 +131,7 @@ def test_however_far_one_is_off_it_is_never_averaged_silently(x: float, y: float
         found = merge([one, replace(other, calibration=moved)])
     except NotMerged as refusal:
         found = refusal.fit
-    between = repeats(found).farthest
+    between = repeats(found).most_deviating
     if between.difference_deg > 2.0 + 4.0 * between.difference_sigma_deg:
         assert found.verdict == "refused"
     elif between.difference_deg > 1.0 + 4.0 * between.difference_sigma_deg:
@@ -143,9 +143,9 @@ def test_without_its_scale_a_covariance_knows_nothing_of_it() -> None:
     root = rng.normal(size=(9, 9))
     reference = np.diag([40.0, 50.0, 60.0])
     shape = reference + np.array([[1.0, 0.5, 0.0], [0.5, -1.0, 0.2], [0.0, 0.2, 0.4]])
-    shape *= 3.0 / (trace_with(reference) @ upper(shape))
-    found = without_scale(root @ root.T, shape, reference)
+    shape *= 3.0 / (trace_with(reference) @ upper_entries(shape))
+    found = remove_scale(root @ root.T, shape, reference)
     trace = np.concatenate([np.zeros(3), trace_with(reference)])
     npt.assert_allclose(found @ trace, 0.0, atol=1e-12)
-    npt.assert_allclose(without_scale(found, shape, reference), found, atol=1e-12)
+    npt.assert_allclose(remove_scale(found, shape, reference), found, atol=1e-12)
     npt.assert_allclose(found[:3, :3], (root @ root.T)[:3, :3])

@@ -13,7 +13,14 @@ from hypothesis.extra.numpy import arrays
 from tests.sentences import assert_raises
 
 from flinders.errors import ArrayError
-from flinders.summary.moments import EXPONENTS, FORMS, SMALLEST_UNIT, TWICE, Moments, power_of_two_above
+from flinders.summary.moments import (
+    EXPONENTS,
+    MIXED_TERM_FACTORS,
+    QUADRIC_EXPONENTS,
+    SMALLEST_UNIT,
+    Moments,
+    power_of_two_above,
+)
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -28,7 +35,7 @@ def close(found: Moments, wanted: Moments, *, rtol: float = 1e-13) -> None:
     """Alike to rounding, in the larger of both units, where each reading adds at most one to each sum."""
     unit = max(found.unit, wanted.unit)
     atol = rtol * max(float(np.abs(found.sums[0])), float(np.abs(wanted.sums[0])), 1.0) * 8
-    npt.assert_allclose(found._in(unit), wanted._in(unit), rtol=0, atol=atol)
+    npt.assert_allclose(found._convert_unit(unit), wanted._convert_unit(unit), rtol=0, atol=atol)
 
 
 def test_the_sums_are_those_of_the_monomials() -> None:
@@ -65,8 +72,8 @@ def test_split_anywhere_and_merged_it_is_the_same(cloud: Floats, data: st.DataOb
 def test_what_was_added_can_be_taken_away_again(a: Floats, b: Floats) -> None:
     one, two = Moments.of(a), Moments.of(b)
     unit = max(one.unit, two.unit)
-    left = (one + two - two)._in(unit)
-    npt.assert_allclose(left, one._in(unit), rtol=0, atol=1e-13 * (len(a) + len(b) + 1))
+    left = (one + two - two)._convert_unit(unit)
+    npt.assert_allclose(left, one._convert_unit(unit), rtol=0, atol=1e-13 * (len(a) + len(b) + 1))
 
 
 @given(clouds, st.integers(1, 5))
@@ -106,10 +113,10 @@ def test_readings_in_another_unit_by_a_power_of_two_have_the_same_sums_to_the_bi
 @given(full_clouds, st.integers(0, 8), st.integers(0, 8))
 def test_a_larger_unit_loses_nothing(cloud: Floats, first: int, second: int) -> None:
     moments = Moments.of(cloud + 1.0)
-    once = moments._in(moments.unit * 2.0 ** (first + second))
-    twice = Moments(moments._in(moments.unit * 2.0**first), moments.unit * 2.0**first)
-    assert twice._in(moments.unit * 2.0 ** (first + second)).tobytes() == once.tobytes()
-    back = Moments(once, moments.unit * 2.0 ** (first + second))._in(moments.unit)
+    once = moments._convert_unit(moments.unit * 2.0 ** (first + second))
+    twice = Moments(moments._convert_unit(moments.unit * 2.0**first), moments.unit * 2.0**first)
+    assert twice._convert_unit(moments.unit * 2.0 ** (first + second)).tobytes() == once.tobytes()
+    back = Moments(once, moments.unit * 2.0 ** (first + second))._convert_unit(moments.unit)
     assert back.tobytes() == moments.sums.tobytes()
 
 
@@ -134,8 +141,12 @@ def test_two_shifts_after_each_other_are_one(
 ) -> None:
     moments = Moments.of(cloud)
     once = moments.about(first + scale * second, scale * again)
-    scatter = moments.about(first, scale) / np.outer(TWICE, TWICE)
-    products = {tuple(one + other): scatter[i, j] for i, one in enumerate(FORMS) for j, other in enumerate(FORMS)}
+    scatter = moments.about(first, scale) / np.outer(MIXED_TERM_FACTORS, MIXED_TERM_FACTORS)
+    products = {
+        tuple(one + other): scatter[i, j]
+        for i, one in enumerate(QUADRIC_EXPONENTS)
+        for j, other in enumerate(QUADRIC_EXPONENTS)
+    }
     between = Moments(np.array([products[tuple(exponents)] for exponents in EXPONENTS]), 1.0)
     npt.assert_allclose(between.about(second, again), once, rtol=0, atol=1e-8 * len(cloud))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flinders.summary.pooling import chance_of, each_from_the_others, pool
+from flinders.summary.pooling import differences_from_others, p_value_of, pool
 
 
 def some(rng: np.random.Generator, count: int, size: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
@@ -77,12 +77,12 @@ def test_what_all_hold_stays_held() -> None:
 
 def test_each_is_compared_with_the_mean_of_the_others() -> None:
     estimates, covariances = some(np.random.default_rng(4), 4, 3)
-    for i, (off, covariance) in enumerate(each_from_the_others(estimates, covariances)):
+    for i, (off, covariance) in enumerate(differences_from_others(estimates, covariances)):
         others = pool(estimates[:i] + estimates[i + 1 :], covariances[:i] + covariances[i + 1 :])
         assert np.allclose(off, estimates[i] - others.mean)
         assert np.allclose(covariance, covariances[i] + others.covariance)
 
 
 def test_nothing_to_compare_is_chance() -> None:
-    assert chance_of(0.0, 0) == 1.0
+    assert p_value_of(0.0, 0) == 1.0
     assert pool([np.zeros(3)] * 2, [np.eye(3)] * 2).p_value == 1.0

@@ -20,9 +20,9 @@ from flinders.core.joining import Joined
 from flinders.core.samples import Samples
 from flinders.errors import ArrayError, AxesError
 from flinders.geometry import quaternions
-from flinders.heading.smoothing import Filter, filtered
-from flinders.readers._resample import LONGEST_TURN, AttitudeSeries
-from flinders.simulate.attitudes import posed
+from flinders.heading.smoothing import Filter, filter_recording
+from flinders.readers._resample import MAX_ATTITUDE_GAP_S, AttitudeSeries
+from flinders.simulate.attitudes import attitudes_of
 from flinders.simulate.recording import write_csv
 from flinders.targets._mounting import euler
 
@@ -40,19 +40,21 @@ EARTH = np.array([21.0, 4.0, 43.0])
 
 @given(angles, angles, vectors)
 def test_a_product_acts_like_its_right_and_then_its_left(first: Floats, then: Floats, vector: Floats) -> None:
-    a, b = quaternions.of_angles(then), quaternions.of_angles(first)
-    one_by_one = quaternions.rotated(a, quaternions.rotated(b, vector))
-    npt.assert_allclose(quaternions.rotated(quaternions.product(a, b), vector), one_by_one, atol=1e-10)
+    a, b = quaternions.from_angles(then), quaternions.from_angles(first)
+    one_by_one = quaternions.rotate_vectors(a, quaternions.rotate_vectors(b, vector))
+    npt.assert_allclose(quaternions.rotate_vectors(quaternions.product(a, b), vector), one_by_one, atol=1e-10)
     npt.assert_allclose(np.linalg.norm(one_by_one), np.linalg.norm(vector), atol=1e-10)
-    npt.assert_allclose(quaternions.rotated(quaternions.inverse(b), quaternions.rotated(b, vector)), vector, atol=1e-10)
+    npt.assert_allclose(
+        quaternions.rotate_vectors(quaternions.inverse(b), quaternions.rotate_vectors(b, vector)), vector, atol=1e-10
+    )
 
 
 @given(angles, vectors)
 def test_angles_and_matrices_turn_as_the_mountings_of_autopilots_do(roll_pitch_yaw: Floats, vector: Floats) -> None:
     turn = euler(*np.rad2deg(roll_pitch_yaw))
-    attitude = quaternions.of_angles(roll_pitch_yaw)
-    npt.assert_allclose(quaternions.rotated(attitude, vector), turn @ vector, atol=1e-10)
-    found = quaternions.of_matrix(turn)
+    attitude = quaternions.from_angles(roll_pitch_yaw)
+    npt.assert_allclose(quaternions.rotate_vectors(attitude, vector), turn @ vector, atol=1e-10)
+    found = quaternions.from_matrix(turn)
     npt.assert_allclose(found, attitude if attitude @ found > 0 else -attitude, atol=1e-9)
 
 
@@ -61,8 +63,8 @@ def test_the_way_between_two_attitudes_is_the_shortest_at_a_constant_rate(
     first: Floats, then: Floats, share: float
 ) -> None:
     """What is left to turn, and what was turned, are the two shares of the angle between."""
-    start, end = quaternions.of_angles(first)[np.newaxis], quaternions.of_angles(then)[np.newaxis]
-    found = quaternions.between(start, end, np.array([share]))
+    start, end = quaternions.from_angles(first)[np.newaxis], quaternions.from_angles(then)[np.newaxis]
+    found = quaternions.interpolate_attitudes(start, end, np.array([share]))
     whole, gone = (2 * np.arccos(np.clip(np.abs(np.sum(start * one)), 0, 1)) for one in (end, found))
     npt.assert_allclose(gone, share * whole, atol=1e-7)
     npt.assert_allclose(np.linalg.norm(found), 1.0, atol=1e-12)
@@ -71,9 +73,9 @@ def test_the_way_between_two_attitudes_is_the_shortest_at_a_constant_rate(
 def vehicle(rows: int = 200, seed: int = 1) -> Samples:
     """A vehicle that turns about, in the field of `EARTH`."""
     rng = np.random.default_rng(seed)
-    attitude = quaternions.of_angles(np.cumsum(rng.normal(0, 0.2, (rows, 3)), axis=0))
+    attitude = quaternions.from_angles(np.cumsum(rng.normal(0, 0.2, (rows, 3)), axis=0))
     return Samples.of(
-        quaternions.rotated(quaternions.inverse(attitude), EARTH),
+        quaternions.rotate_vectors(quaternions.inverse(attitude), EARTH),
         unit="uT",
         time=0.1 * np.arange(rows),
         throttle=rng.uniform(0, 1, rows),
@@ -83,21 +85,23 @@ def vehicle(rows: int = 200, seed: int = 1) -> Samples:
 
 def in_ned(samples: Samples) -> Floats:
     assert samples.attitude is not None
-    return quaternions.rotated(samples.attitude, samples.field)
+    return quaternions.rotate_vectors(samples.attitude, samples.field)
 
 
 def test_the_simulator_and_an_attitude_mean_the_same_turn() -> None:
     """The simulator's attitudes are matrices of its own, made in another way."""
     simulated = simulate.tumble(seed=4, motion="hand", sensor=simulate.Sensor(), noise=0.0)
     assert simulated.attitudes is not None
-    attitude = quaternions.of_matrix(simulated.attitudes)
+    attitude = quaternions.from_matrix(simulated.attitudes)
     dip = np.deg2rad(simulated.dip_deg)
     earth = simulated.field_strength * np.array([np.cos(dip), 0.0, np.sin(dip)])
-    npt.assert_allclose(quaternions.rotated(attitude, simulated.samples.field), np.tile(earth, (len(attitude), 1)),
+    npt.assert_allclose(quaternions.rotate_vectors(attitude, simulated.samples.field), np.tile(earth, (len(attitude), 1)),
                         atol=1e-9)  # fmt: skip
     heading, pitch, roll = 0.7, -0.3, 1.1
     npt.assert_allclose(
-        quaternions.of_matrix(posed(heading, pitch, roll)[0]), quaternions.of_angles([roll, pitch, heading]), atol=1e-12
+        quaternions.from_matrix(attitudes_of(heading, pitch, roll)[0]),
+        quaternions.from_angles([roll, pitch, heading]),
+        atol=1e-12,
     )
 
 
@@ -105,7 +109,7 @@ def test_the_simulator_and_an_attitude_mean_the_same_turn() -> None:
 def test_mapped_axes_keep_the_field_of_the_site_and_a_mirror_image_maps_the_field_alone(axes: Axes) -> None:
     recorded = vehicle()
     for mapped in (
-        recorded.turned(axes),
+        recorded.map_axes(axes),
         Samples.of(recorded.field, unit="uT", axes=axes, attitude=recorded.attitude),
     ):
         if axes.is_mirror:
@@ -117,13 +121,17 @@ def test_mapped_axes_keep_the_field_of_the_site_and_a_mirror_image_maps_the_fiel
             npt.assert_allclose(in_ned(mapped), np.tile(EARTH, (200, 1)), atol=1e-9)
     if not axes.is_identity:
         with pytest.raises(AxesError, match="already"):
-            recorded.turned(axes).turned(Axes())
+            recorded.map_axes(axes).map_axes(Axes())
 
 
 def test_rows_blocks_joins_and_filters_keep_attitude_and_throttle_with_their_readings() -> None:
     recorded = vehicle()
     npt.assert_allclose(in_ned(recorded[50:60]), np.tile(EARTH, (10, 1)), atol=1e-9)
-    for recording in (recorded, Joined((recorded[:90], recorded[90:])), filtered(recorded, Filter("median", 3))):
+    for recording in (
+        recorded,
+        Joined((recorded[:90], recorded[90:])),
+        filter_recording(recorded, Filter("median", 3)),
+    ):
         blocks = list(recording.blocks()) if recording is not recorded else list(recorded.blocks(64))
         for column in ("attitude", "throttle"):
             whole = np.concatenate([getattr(block, column) for block in blocks])
@@ -189,8 +197,8 @@ def test_what_is_no_throttle_and_no_attitude_is_refused_with_its_place() -> None
 
 def test_nothing_is_interpolated_over_a_gap_or_a_jump_or_beyond_the_ends() -> None:
     yaw = np.deg2rad([0.0, 10.0, 20.0, 80.0, 90.0])
-    attitude = quaternions.of_angles(np.column_stack([0 * yaw, 0 * yaw, yaw]))
-    turning = AttitudeSeries.of([0.0, 0.1, 0.2 + LONGEST_TURN, 0.9, 1.0], attitude)
+    attitude = quaternions.from_angles(np.column_stack([0 * yaw, 0 * yaw, yaw]))
+    turning = AttitudeSeries.of([0.0, 0.1, 0.2 + MAX_ATTITUDE_GAP_S, 0.9, 1.0], attitude)
     assert turning is not None
     found = turning.at(np.array([-0.01, 0.0, 0.05, 0.1, 0.3, 0.7, 0.8, 0.95, 1.0, 1.01]))
     heading = np.rad2deg(2 * np.arctan2(found[:, 3], found[:, 0]))

@@ -13,8 +13,8 @@ from hypothesis.extra.numpy import arrays
 from tests.trials import examples
 
 from flinders.core.samples import Samples
-from flinders.estimators import Readings, outliers_of
-from flinders.estimators.outliers import MARGIN, NO_RUN, WINDOW, dense_in, left_out
+from flinders.estimators import Readings, outlier_runs
+from flinders.estimators.outliers import MARGIN_READINGS, NO_RUN, WINDOW_READINGS, mark_outliers, min_run_readings
 from flinders.estimators.robust import Robust
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import magnitude
@@ -60,10 +60,10 @@ def test_the_order_of_single_strays_does_not_matter(seed: int) -> None:
 @given(every=st.integers(3, 600), rows=st.integers(600, 10**6), more=st.integers(1, 3))
 def test_the_more_strays_and_rows_there_are_the_denser_is_a_run(every: int, rows: int, more: int) -> None:
     few, many = np.arange(600) % (more * every) == 0, np.arange(600) % every == 0
-    dense = dense_in(few, rows)
+    dense = min_run_readings(few, rows)
     assert LEAST <= dense <= NO_RUN
-    assert dense <= dense_in(many, rows)
-    assert dense <= dense_in(few, more * rows)
+    assert dense <= min_run_readings(many, rows)
+    assert dense <= min_run_readings(few, more * rows)
 
 
 @given(
@@ -77,13 +77,13 @@ def test_what_is_left_out_does_not_depend_on_blocks(far: NDArray[np.bool_], size
     samples = Samples(np.outer(np.where(far, 80.0, 50.0), [0.6, 0.0, 0.8]) + np.arange(len(far))[:, np.newaxis] * 1e-6)
     edges = np.unique(np.clip([0, *np.cumsum(sizes), len(far)], 0, len(far))).tolist()
     blocks = [samples[:0], *(samples[begin:end] for begin, end in pairwise(edges)), samples[:0]]
-    (_, _, whole), *_ = left_out([samples], SPHERE, LIMIT, dense)
-    parts = np.concatenate([out for _, _, out in left_out(blocks, SPHERE, LIMIT, dense)])
+    (_, _, whole), *_ = mark_outliers([samples], SPHERE, LIMIT, dense)
+    parts = np.concatenate([out for _, _, out in mark_outliers(blocks, SPHERE, LIMIT, dense)])
     npt.assert_array_equal(parts, whole)
     assert np.all(whole[far])
-    listed = outliers_of(blocks, SPHERE, LIMIT, dense)
+    listed = outlier_runs(blocks, SPHERE, LIMIT, dense)
     assert [str(outlier) for outlier in listed] == [
-        str(outlier) for outlier in outliers_of([samples], SPHERE, LIMIT, dense)
+        str(outlier) for outlier in outlier_runs([samples], SPHERE, LIMIT, dense)
     ]
     assert sum(outlier.readings for outlier in listed) == np.count_nonzero(whole)
     for outlier in listed:
@@ -96,10 +96,10 @@ def test_neighbours_go_where_a_run_is_and_only_there(far: NDArray[np.bool_]) -> 
     """Word for word what the module says, reading by reading."""
     dense = 6
     field = np.outer(np.where(far, 80.0, 50.0), [0.6, 0.0, 0.8])
-    ((_, _, out),) = left_out([Samples(field)], SPHERE, LIMIT, dense)
-    half = WINDOW // 2
+    ((_, _, out),) = mark_outliers([Samples(field)], SPHERE, LIMIT, dense)
+    half = WINDOW_READINGS // 2
     run = [row for row in np.flatnonzero(far) if far[max(row - half, 0) : row + half + 1].sum() >= dense]
-    near_a_run = [any(abs(row - other) <= MARGIN for other in run) for row in range(len(far))]
+    near_a_run = [any(abs(row - other) <= MARGIN_READINGS for other in run) for row in range(len(far))]
     npt.assert_array_equal(out, far | np.array(near_a_run))
 
 
@@ -114,7 +114,7 @@ def test_strays_are_the_same_over_any_split_into_blocks(lengths: Floats, cuts: l
     samples = Samples(field, time=np.arange(len(field)) * 0.5 if timed else None)
     edges = sorted({0, len(field), *(cut for cut in cuts if cut < len(field))})
     blocks = [samples[begin:end] for begin, end in pairwise(edges)]
-    whole, parts = outliers_of([samples], SPHERE, LIMIT), outliers_of(blocks, SPHERE, LIMIT)
+    whole, parts = outlier_runs([samples], SPHERE, LIMIT), outlier_runs(blocks, SPHERE, LIMIT)
     assert [str(outlier) for outlier in parts] == [str(outlier) for outlier in whole]
     for one, other in zip(whole, parts, strict=True):
         assert (one.first, one.last, one.readings, one.max_distance) == (
@@ -130,7 +130,7 @@ def test_strays_are_the_same_over_any_split_into_blocks(lengths: Floats, cuts: l
 def test_every_far_reading_is_in_one_run_and_no_run_is_empty(lengths: Floats) -> None:
     field = np.outer(lengths, [0.6, 0.0, 0.8])
     far = np.flatnonzero(np.abs(magnitude.distances(field, SPHERE)) > LIMIT) + 1
-    runs = outliers_of([Samples(field)], SPHERE, LIMIT)
+    runs = outlier_runs([Samples(field)], SPHERE, LIMIT)
     assert sum(run.readings for run in runs) == len(far)
     inside = [row for run in runs for row in far if run.first <= row <= run.last]
     assert inside == far.tolist()
@@ -139,4 +139,4 @@ def test_every_far_reading_is_in_one_run_and_no_run_is_empty(lengths: Floats) ->
 
 def test_a_run_that_all_other_readings_lie_around_leaves_no_share_to_count() -> None:
     """Eleven of 28, and the margin reaches to the end."""
-    assert LEAST <= dense_in(np.arange(28) < WINDOW, 28) <= NO_RUN
+    assert LEAST <= min_run_readings(np.arange(28) < WINDOW_READINGS, 28) <= NO_RUN

@@ -89,7 +89,7 @@ def test_rough_moves_and_grows_with_the_readings(seed: int, arc_deg: float, scal
     x, y = np.linalg.qr(rng.standard_normal((3, 3)))[0][:2]
     arc = np.cos(angle) * x + np.sin(angle) * y
     offset = rng.uniform(-2.0, 2.0, 3)
-    found = path_planning.rough(scale * (arc + offset))
+    found = path_planning.rough_belief(scale * (arc + offset))
     assert found is not None
     assert_allclose(found.ellipsoid.centre, scale * offset, atol=1e-6 * scale)
     assert_allclose(found.ellipsoid.shape, scale * np.eye(3), atol=1e-6 * scale)

@@ -161,7 +161,7 @@ def test_as_many_readings_are_astray_as_asked_and_no_others(seed: int, motion: s
 @given(seeds, st.floats(1, 179))
 def test_a_clump_stays_within_its_angle(seed: int, half_angle_deg: float) -> None:
     rng = np.random.default_rng(seed)
-    pole = simulate.uniform(np.random.default_rng(seed), 1)[0]
+    pole = simulate.uniform_directions(np.random.default_rng(seed), 1)[0]
     directions = simulate.clump(rng, 20, half_angle_deg=half_angle_deg)
     npt.assert_array_less(np.cos(np.radians(half_angle_deg)) - 1e-9, directions @ pole)
 

@@ -117,27 +117,27 @@ def test_the_seam_between_recordings_can_be_a_jump_or_a_step_back() -> None:
 
 def test_the_seam_between_recordings_of_their_own_is_nothing() -> None:
     early, late = TimeStamps.of(np.array([0.0, 1.0, 2.0])), TimeStamps.of(np.array([50.0, 51.0]))
-    for both in (early.merged(late), late.merged(early)):
+    for both in (early.merge(late), late.merge(early)):
         assert (both.seconds, both.steps, both.longest_step, both.backward_steps) == (3.0, 3, 1.0, 0)
-        assert both.usual_step == 1.0
-    assert TimeStamps().merged(late) == late == late.merged(TimeStamps())
-    assert TimeStamps().usual_step == 0.0
+        assert both.mean_step == 1.0
+    assert TimeStamps().merge(late) == late == late.merge(TimeStamps())
+    assert TimeStamps().mean_step == 0.0
 
 
 @given(recordings(), recordings(), recordings())
 def test_recordings_side_by_side_add_up_in_any_grouping(first: Samples, second: Samples, third: Samples) -> None:
     a, b, c = map(DataQuality.of, (first, second, third))
-    same(a.merged(b).merged(c), a.merged(b.merged(c)))
+    same(a.merge(b).merge(c), a.merge(b.merge(c)))
     if not np.isnan(b.clock.end):
-        same(a.merged(b + c), a.merged(b) + c)
-    same(a.merged(DataQuality()), a)
-    same(DataQuality().merged(a), a)
+        same(a.merge(b + c), a.merge(b) + c)
+    same(a.merge(DataQuality()), a)
+    same(DataQuality().merge(a), a)
 
 
 @given(recordings(), recordings())
 def test_side_by_side_nothing_is_counted_that_is_in_neither(first: Samples, second: Samples) -> None:
     a, b = Summary.of(first, side=1.0), Summary.of(second, side=1.0)
-    both, on = a.combined(b), a + b
+    both, on = a.merge(b), a + b
     assert both.health.repeats == a.health.repeats + b.health.repeats <= on.health.repeats
     assert both.health.clock.backward_steps == a.health.clock.backward_steps + b.health.clock.backward_steps
     assert both.health.clock.longest_step == max(a.health.clock.longest_step, b.health.clock.longest_step)
@@ -163,7 +163,7 @@ def test_a_summary_split_anywhere_and_merged_is_the_whole(recording: Samples, da
     assert np.array_equal(merged.cloud.keys, whole.cloud.keys)
     assert np.array_equal(merged.cloud.counts, whole.cloud.counts)
     unit = max(merged.moments.unit, whole.moments.unit)
-    npt.assert_allclose(merged.moments._in(unit), whole.moments._in(unit), atol=1e-12)
+    npt.assert_allclose(merged.moments._convert_unit(unit), whole.moments._convert_unit(unit), atol=1e-12)
 
 
 @given(recordings())
@@ -190,7 +190,7 @@ class Blocks:
 def test_block_by_block_it_is_the_summary_of_the_whole() -> None:
     field = np.random.default_rng(1).normal(size=(200, 3)) * 50
     samples = Samples.of(field, time=np.arange(200) * 0.02)
-    whole, streamed = Summary.of(samples), Summary.through(Blocks(samples))
+    whole, streamed = Summary.of(samples), Summary.of_recording(Blocks(samples))
     same(streamed.health, whole.health)
     assert streamed.cloud.counts.sum() == 200
     npt.assert_allclose(streamed.moments.about(0 * field[0], 50.0), whole.moments.about(0 * field[0], 50.0), atol=1e-10)

@@ -20,7 +20,7 @@ from flinders.errors import FlindersError, NotExportable
 from flinders.targets import ExportOptions, motioncal, read_back, registry
 from flinders.targets._comments import BLOCK, MARKUP, plain_ascii
 from flinders.targets._numbers import nearest_diagonal
-from flinders.targets._target import MOUNTINGS
+from flinders.targets._target import MOUNTING_KINDS
 from flinders.targets.motioncal import symmetric_root
 
 entries = st.floats(-0.2, 0.2)
@@ -42,7 +42,7 @@ def calibrations(draw: st.DrawFn) -> Calibration:
 @examples(30)
 @given(calibrations())
 def test_with_soft_iron_left_out_or_not_what_is_written_is_as_far_off_as_is_said(found: Calibration) -> None:
-    for row in (row for row in registry().values() if row.keeps not in MOUNTINGS):
+    for row in (row for row in registry().values() if row.keeps not in MOUNTING_KINDS):
         checked = row.render(found, asked=ExportOptions(lossy=True)).fields["checked"]
         if checked["heading_deg"] > 1.0:
             assert row.keeps in {"diagonal", "offset"}

@@ -13,15 +13,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.trials import examples
 
-from flinders.geometry.rotation import on_the_sphere, rotations
+from flinders.geometry.rotation import rotations, step_on_sphere
 from flinders.likelihood import gyro
-from flinders.likelihood.dip import fill as fill_dip
+from flinders.likelihood.dip import fill_dip
 from flinders.likelihood.observations import (
     ObservationGroup,
     Weights,
-    eliminated,
-    residuals_of,
-    rows_of,
+    eliminate_directions,
+    residual_rows,
+    unweighted_residuals,
 )
 from flinders.likelihood.parameters import ParameterLayout, Parameters
 
@@ -49,7 +49,7 @@ def group(seed: int, windows: int = 3, n: int = 5) -> ObservationGroup:
     down = rng.normal(size=(windows, n, 3))
     return replace(
         plain,
-        turned=gyro.integrated(rng.normal(size=(windows, n, 3)), np.full((windows, n), 0.02), np.zeros(3)),
+        turned=gyro.integrate_rates(rng.normal(size=(windows, n, 3)), np.full((windows, n), 0.02), np.zeros(3)),
         down=down / np.linalg.norm(down, axis=2, keepdims=True),
         trust=rng.uniform(0.2, 1.0, size=(windows, n)),
     )
@@ -83,13 +83,13 @@ def test_jacobians_are_how_residuals_change(
     at = somewhere(seed)
     readings = draw(seed).at(at)
     directions = readings.guess(at)
-    rows = rows_of(readings, at, directions, layout, WEIGHTS)
+    rows = residual_rows(readings, at, directions, layout, WEIGHTS)
 
     def residual(step: np.ndarray, own: np.ndarray | None = None) -> np.ndarray:
-        moved = at.moved(step, layout)
-        towards = directions if own is None else on_the_sphere(directions, np.tile(own, (len(directions), 1)))
+        moved = at.take_step(step, layout)
+        towards = directions if own is None else step_on_sphere(directions, np.tile(own, (len(directions), 1)))
         taken = readings.at(moved)
-        of_field, beside = residuals_of(taken, moved, towards)
+        of_field, beside = unweighted_residuals(taken, moved, towards)
         assert beside is not None
         assert taken.trust is not None
         weighed = beside * np.sqrt(taken.trust)[..., None] / WEIGHTS.vertical
@@ -114,14 +114,14 @@ def test_the_jacobian_of_an_accelerometer_is_how_residuals_change(seed: int) -> 
     at, readings = somewhere(seed), group(seed)
     at = replace(at, accelerometer=0.01 * at.accelerometer)
     directions = readings.guess(at)
-    q = readings.at(at).seen(at, directions)[0]
+    q = readings.at(at).rotated_directions(at, directions)[0]
     aside = np.cross(q, [0.3, -0.5, 0.8])
     aside /= np.linalg.norm(aside, axis=2, keepdims=True)
     down = at.sine * q + np.sqrt(1.0 - at.sine**2) * aside
     agreed = replace(readings, down=down).at(at)
 
     def residual(step: np.ndarray) -> np.ndarray:
-        beside = residuals_of(agreed, at.moved(step, LAYOUT), directions)[1]
+        beside = unweighted_residuals(agreed, at.take_step(step, LAYOUT), directions)[1]
         assert beside is not None
         return beside[..., 0]
 
@@ -140,8 +140,8 @@ def test_the_jacobian_of_an_accelerometer_is_how_residuals_change(seed: int) -> 
 @examples(20)
 def test_elimination_leaves_what_the_whole_system_says(seed: int) -> None:
     readings, at = group(seed), somewhere(seed)
-    rows = rows_of(readings, at, readings.guess(at), LAYOUT, WEIGHTS)
-    few = eliminated(rows)
+    rows = residual_rows(readings, at, readings.guess(at), LAYOUT, WEIGHTS)
+    few = eliminate_directions(rows)
     windows, size = len(rows.residual), LAYOUT.size
     wide = np.zeros((windows, rows.residual[0].size, size + 2 * windows))
     wide[..., :size] = rows.jacobian.reshape(windows, -1, size)
@@ -156,8 +156,8 @@ def test_elimination_leaves_what_the_whole_system_says(seed: int) -> None:
 def test_the_order_of_windows_does_not_matter() -> None:
     readings, at = group(1), somewhere(1)
     directions = readings.guess(at)
-    whole = readings.linearised(at, directions, LAYOUT, WEIGHTS)
-    parts = [readings.chunk(slice(i, i + 1)).linearised(at, directions[i : i + 1], LAYOUT, WEIGHTS) for i in range(3)]
+    whole = readings.linearise(at, directions, LAYOUT, WEIGHTS)
+    parts = [readings.chunk(slice(i, i + 1)).linearise(at, directions[i : i + 1], LAYOUT, WEIGHTS) for i in range(3)]
     npt.assert_allclose(sum(part.matrix for part in parts), whole.matrix, atol=1e-6 * np.abs(whole.matrix).max())
     assert sum(part.cost for part in parts) == pytest.approx(whole.cost)
     assert readings.cost(at, directions, WEIGHTS) == pytest.approx(whole.cost)
@@ -167,7 +167,7 @@ def test_the_order_of_windows_does_not_matter() -> None:
 def test_integration_is_the_product_of_its_steps(seed: int, n: int) -> None:
     rng = np.random.default_rng(seed)
     rate, interval, bias = rng.normal(size=(1, n, 3)), rng.uniform(0.01, 0.05, (1, n)), rng.normal(scale=0.1, size=3)
-    turned = gyro.integrated(rate, interval, bias)
+    turned = gyro.integrate_rates(rate, interval, bias)
     attitude = np.eye(3)
     for k in range(n):
         npt.assert_allclose(turned.rotations[0, k], attitude, atol=1e-12)
@@ -177,7 +177,7 @@ def test_integration_is_the_product_of_its_steps(seed: int, n: int) -> None:
 @given(st.integers(0, 10_000))
 def test_a_small_change_of_bias_and_scales_is_taken_to_first_order(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    turned = gyro.integrated(rng.normal(size=(2, 20, 3)), np.full((2, 20), 0.02), np.zeros(3))
+    turned = gyro.integrate_rates(rng.normal(size=(2, 20, 3)), np.full((2, 20), 0.02), np.zeros(3))
     bias, scale = rng.normal(scale=1e-3, size=3), rng.normal(scale=1e-3, size=6)
-    exact = gyro.integrated(turned.rate, turned.interval, bias, scale)
+    exact = gyro.integrate_rates(turned.rate, turned.interval, bias, scale)
     npt.assert_allclose(turned.with_gyro(bias, scale).rotations, exact.rotations, atol=2e-5)

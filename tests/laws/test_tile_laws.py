@@ -7,11 +7,11 @@ import numpy.testing as npt
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flinders.geometry.sphere import COUNT, fibonacci, tile_of, tiles
+from flinders.geometry.sphere import TILE_COUNT, fibonacci, tile_indices, tiles
 
 
 def test_areas_are_alike_and_make_up_the_sphere() -> None:
-    shares = tiles().areas * COUNT / (4.0 * np.pi)
+    shares = tiles().areas * TILE_COUNT / (4.0 * np.pi)
     is_pentagon = np.array([len(corners) == 5 for corners in tiles().polygons()])
     assert is_pentagon.sum() == 12
     npt.assert_allclose(tiles().areas.sum(), 4.0 * np.pi, rtol=1e-12)
@@ -34,10 +34,10 @@ def test_corners_go_round_anticlockwise() -> None:
 
 
 def test_each_centre_lies_in_its_own_tile_and_on_its_centroid() -> None:
-    npt.assert_array_equal(tile_of(tiles().centres), np.arange(COUNT))
+    npt.assert_array_equal(tile_indices(tiles().centres), np.arange(TILE_COUNT))
     many = fibonacci(200_000)
-    found = tile_of(many)
-    middles = np.stack([np.bincount(found, many[:, axis], COUNT) for axis in range(3)], axis=1)
+    found = tile_indices(many)
+    middles = np.stack([np.bincount(found, many[:, axis], TILE_COUNT) for axis in range(3)], axis=1)
     middles = middles / np.linalg.norm(middles, axis=1, keepdims=True)
     assert np.rad2deg(np.arccos(np.sum(middles * tiles().centres, axis=1).clip(-1, 1))).max() < 0.2
 
@@ -46,10 +46,10 @@ def test_each_centre_lies_in_its_own_tile_and_on_its_centroid() -> None:
 def test_a_direction_falls_into_the_tile_of_the_nearest_centre_whatever_its_length(seed: int, length: float) -> None:
     directions = np.random.default_rng(seed).normal(size=(50, 3))
     cosines = directions @ tiles().centres.T
-    found = tile_of(length * directions)
+    found = tile_indices(length * directions)
     size = np.linalg.norm(directions, axis=1)
     npt.assert_allclose(cosines[np.arange(50), found], cosines.max(axis=1), atol=1e-6 * size.max())
 
 
 def test_no_directions_fall_into_no_tile() -> None:
-    assert tile_of(np.empty((0, 3))).shape == (0,)
+    assert tile_indices(np.empty((0, 3))).shape == (0,)

@@ -13,8 +13,8 @@ from tests.trials import examples
 
 from flinders import simulate
 from flinders.comparison.agreement import disagreements
-from flinders.core.time_alignment import between
-from flinders.estimators.multi_sensor import mirror_or_rotation, solve
+from flinders.core.time_alignment import interpolate_readings
+from flinders.estimators.multi_sensor import fit_sensors, mirror_or_rotation
 from flinders.geometry.rotation import rotations
 
 seeds: Final = st.integers(0, 1000)
@@ -33,7 +33,7 @@ def fields_of(seed: int, sensors: int = 3, n: int = 200) -> np.ndarray:
 def test_the_reference_is_a_matter_of_axes(seed: int) -> None:
     """Whichever is the reference: ellipsoids, their covariance and the rotation between two are the same."""
     fields = fields_of(seed)
-    one, other = solve(fields), solve(fields, reference=2)
+    one, other = fit_sensors(fields), fit_sensors(fields, reference=2)
     for sensor in range(3):
         ours, theirs = one.estimate(sensor), other.estimate(sensor)
         sigma = np.sqrt(np.diag(ours.covariance))
@@ -48,7 +48,7 @@ def test_the_reference_is_a_matter_of_axes(seed: int) -> None:
 def test_the_order_of_the_sensors_does_not_matter(seed: int) -> None:
     fields = fields_of(seed)
     order = [0, 2, 1]
-    one, other = solve(fields), solve(fields[order])
+    one, other = fit_sensors(fields), fit_sensors(fields[order])
     for place, sensor in enumerate(order):
         npt.assert_allclose(other.parameters[place].offset, one.parameters[sensor].offset, atol=1e-2)
         npt.assert_allclose(other.rotation(place)[0], one.rotation(sensor)[0], atol=1e-3)
@@ -59,7 +59,7 @@ def test_the_order_of_the_sensors_does_not_matter(seed: int) -> None:
 def test_a_sensor_in_another_unit_is_the_same_sensor(seed: int, unit: float) -> None:
     fields = fields_of(seed, 2)
     scaled = fields * np.array([1.0, unit])[:, np.newaxis, np.newaxis]
-    one, other = solve(fields), solve(scaled)
+    one, other = fit_sensors(fields), fit_sensors(scaled)
     npt.assert_allclose(other.parameters[1].offset, unit * one.parameters[1].offset, rtol=2e-3, atol=2e-2 * unit)
     npt.assert_allclose(np.diag(other.of(1))[:9], unit**2 * np.diag(one.of(1))[:9], rtol=0.05)
     npt.assert_allclose(other.rotation(1)[0], one.rotation(1)[0], atol=1e-3)
@@ -70,7 +70,7 @@ def test_a_sensor_in_another_unit_is_the_same_sensor(seed: int, unit: float) -> 
 def test_turning_a_sensor_turns_its_rotation(seed: int) -> None:
     fields = fields_of(seed, 2)
     turn = rotations(np.random.default_rng(seed).normal(size=(1, 3)))[0]
-    one, other = solve(fields), solve(np.stack([fields[0], fields[1] @ turn]))
+    one, other = fit_sensors(fields), fit_sensors(np.stack([fields[0], fields[1] @ turn]))
     npt.assert_allclose(other.rotation(1)[0], one.rotation(1)[0] @ turn, atol=2e-3)
     npt.assert_allclose(np.diag(other.rotation(1)[1]), np.diag(one.rotation(1)[1]), rtol=0.1)
 
@@ -90,8 +90,8 @@ def test_readings_at_their_own_moments_are_themselves(seed: int) -> None:
     rng = np.random.default_rng(seed)
     time = np.cumsum(rng.uniform(0.01, 0.02, 50))
     field = rng.normal(size=(50, 3))
-    npt.assert_allclose(between(time, field, time), field, atol=1e-9)
-    assert np.isnan(between(time, field, np.array([time[0] - 1.0, time[-1] + 1.0]))).all()
+    npt.assert_allclose(interpolate_readings(time, field, time), field, atol=1e-9)
+    assert np.isnan(interpolate_readings(time, field, np.array([time[0] - 1.0, time[-1] + 1.0]))).all()
 
 
 @given(seeds, st.permutations(range(3)))

@@ -210,7 +210,7 @@ def test_the_board_turns_and_the_field_stays_where_it_is(node: Path) -> None:
 
 def test_with_an_accelerometer_up_is_up_and_north_is_away(node: Path) -> None:
     rng = np.random.default_rng(4)
-    forces, fields = (simulate.uniform(rng, 100) for _ in range(2))
+    forces, fields = (simulate.uniform_directions(rng, 100) for _ in range(2))
     is_level = np.abs(np.sum(forces * fields, axis=1)) < 0.99  # near the magnetic poles there is no north
     forces, fields = forces[is_level], fields[is_level]
     attitudes = followed(node, fields, forces)
@@ -224,7 +224,7 @@ def test_with_an_accelerometer_up_is_up_and_north_is_away(node: Path) -> None:
 
 def test_the_turn_that_is_drawn_leads_the_field_to_where_the_arrow_points(node: Path) -> None:
     rng = np.random.default_rng(5)
-    starts, ends = (simulate.uniform(rng, 40) for _ in range(2))
+    starts, ends = (simulate.uniform_directions(rng, 40) for _ in range(2))
     ends[0], ends[1] = starts[0], -starts[1]
     script = "pairs.map(([from, to]) => turn.rotation(turn.between(to, from)))"
     turns = np.array(run(node, script, pairs=list(zip(starts.tolist(), ends.tolist(), strict=True))))

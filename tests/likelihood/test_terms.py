@@ -11,7 +11,7 @@ from tests.numpy_likelihood import exact_equations
 from tests.worlds import HARD_IRON, SOFT_IRON
 
 from flinders import simulate
-from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric_matrix, upper_entries
 from flinders.likelihood import magnitude, prior
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ ELLIPSOID = Ellipsoid(HARD_IRON, 50.0 * SOFT_IRON)
 
 
 def moved(change: Floats) -> Ellipsoid:
-    return Ellipsoid(ELLIPSOID.centre + change[:3], ELLIPSOID.shape + symmetric(change[3:]))
+    return Ellipsoid(ELLIPSOID.centre + change[:3], ELLIPSOID.shape + symmetric_matrix(change[3:]))
 
 
 def differences(value: Callable[[Floats], Floats], step: float = 1e-4) -> Floats:
@@ -125,7 +125,7 @@ def test_the_gradient_of_the_prior_is_that_of_its_cost() -> None:
     spread = 0.3
 
     def cost(change: Floats) -> Floats:
-        shape = ELLIPSOID.shape + symmetric(change[3:])
+        shape = ELLIPSOID.shape + symmetric_matrix(change[3:])
         radius = np.trace(shape) / 3.0
         deviator = shape - radius * np.eye(3)
         return np.asarray(np.sum(deviator**2) / (2.0 * spread**2 * radius**2))
@@ -138,7 +138,7 @@ def test_the_prior_says_nothing_of_centre_and_size_and_nothing_against_a_sphere(
     found = prior.equations(Ellipsoid(np.array([1.0, 2.0, 3.0]), 50.0 * np.eye(3)))
     npt.assert_allclose(found.gradient, 0.0, atol=1e-12)
     npt.assert_allclose(found.matrix[:3], 0.0)
-    size = np.concatenate([np.zeros(3), upper(np.eye(3))])
+    size = np.concatenate([np.zeros(3), upper_entries(np.eye(3))])
     npt.assert_allclose(found.matrix @ size, 0.0, atol=1e-15)
     assert np.linalg.matrix_rank(found.matrix) == 5
 

@@ -9,11 +9,11 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 
-from flinders.geometry.ellipsoid import symmetric
-from flinders.geometry.rotation import across, rotations
+from flinders.geometry.ellipsoid import symmetric_matrix
+from flinders.geometry.rotation import perpendicular_vectors, rotations
 from flinders.likelihood import gyro
 from flinders.likelihood import gyro_noise as walked
-from flinders.likelihood.observations import ObservationGroup, Weights, rows_of
+from flinders.likelihood.observations import ObservationGroup, Weights, residual_rows
 from flinders.likelihood.parameters import ParameterLayout, Parameters
 
 if TYPE_CHECKING:
@@ -42,27 +42,27 @@ def test_the_mean_gradient_of_a_gyro_s_noise_is_that_of_its_draws(is_upright: bo
     weights = Weights(1.0, vertical=0.01)
     directions: Floats = rng.normal(size=(2, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    still = gyro.integrated(rate, interval, at.gyro_bias, at.gyro)
+    still = gyro.integrate_rates(rate, interval, at.gyro_bias, at.gyro)
     seen = np.einsum("wnji,wj->wni", still.rotations, directions)
-    group = ObservationGroup.of(at.offset + seen @ at.ellipsoid_like.T)
+    group = ObservationGroup.of(at.offset + seen @ at.rotated_shape.T)
     if is_upright:
         at = replace(at, accelerometer=ERRORS)
         down = _felt(_verticals(still.rotations, directions, at.sine), at.accelerometer)
         group = replace(group, down=down, trust=np.ones((2, 12)))
 
     def gradient(noise: Floats) -> Floats:
-        turned = gyro.integrated(rate + noise / EACH_S, interval, at.gyro_bias, at.gyro)
+        turned = gyro.integrate_rates(rate + noise / EACH_S, interval, at.gyro_bias, at.gyro)
         noisy, towards = replace(group, turned=turned), directions
         for _ in range(3):
-            part = noisy.linearised(at, towards, layout, weights)
+            part = noisy.linearise(at, towards, layout, weights)
             towards = part.follow(towards, np.zeros(layout.size))
-        return noisy.linearised(at, towards, layout, weights).gradient
+        return noisy.linearise(at, towards, layout, weights).gradient
 
     noise = STEP * rng.normal(size=(DRAWS, 2, 12, 3))
     pairs = np.array([0.5 * (gradient(one) + gradient(-one)) for one in noise])
     group = replace(group, turned=still)
-    rows = rows_of(group, at, directions, layout, weights)
-    whole = walked.Walked.of(rows, walked.pushes(group, at, directions, weights))
+    rows = residual_rows(group, at, directions, layout, weights)
+    whole = walked.WalkStatistics.of(rows, walked.rotation_derivatives(group, at, directions, weights))
     expected = STEP**2 * walked.mean_gradient(whole, group, at, directions, layout, weights)
     scatter = pairs.std(axis=0) / np.sqrt(DRAWS)
     for block, columns in layout.columns.items():
@@ -73,7 +73,7 @@ def test_the_mean_gradient_of_a_gyro_s_noise_is_that_of_its_draws(is_upright: bo
 
 def _verticals(turned: Floats, directions: Floats, sine: float) -> Floats:
     """(W, n, 3) verticals at the readings of windows, of one vertical in each to which the field has the sine."""
-    aside = across(directions)[..., 0]
+    aside = perpendicular_vectors(directions)[..., 0]
     down = sine * directions + np.sqrt(1.0 - sine**2) * aside
     verticals: Floats = np.einsum("wnji,wj->wni", turned, down)
     return verticals
@@ -81,6 +81,6 @@ def _verticals(turned: Floats, directions: Floats, sine: float) -> Floats:
 
 def _felt(down: Floats, errors: Floats) -> Floats:
     """(W, n, 3) unit vectors that an accelerometer of some errors makes of verticals."""
-    felt: Floats = down @ np.linalg.inv(np.eye(3) + symmetric(errors[3:])) - errors[:3]
+    felt: Floats = down @ np.linalg.inv(np.eye(3) + symmetric_matrix(errors[3:])) - errors[:3]
     felt /= np.linalg.norm(felt, axis=2, keepdims=True)
     return felt

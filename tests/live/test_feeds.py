@@ -19,14 +19,14 @@ from tests.sentences import assert_raises, assert_sentences
 
 from flinders import fit, simulate
 from flinders.apps.live.buffer import rows_of
-from flinders.apps.live.simulated import ROCKED_S, SAID, SimulatedFeed
+from flinders.apps.live.simulated import COMMENTS, ROCKING_S, SimulatedFeed
 from flinders.apps.vehicles.mavlink import ARDUPILOT, PX4, Vehicle
 from flinders.apps.vehicles.targets.ardupilot import ArduPilotParameters as Parameters
 from flinders.apps.vehicles.telemetry import Telemetry
 from flinders.core.samples import Samples
 from flinders.errors import OutputError, UsageError
-from flinders.links.feeds import AT_ONCE, FeedEvent, Replay
-from flinders.links.recorder import RecordedFeed, Resumed, ToFile
+from flinders.links.feeds import CHUNK_READINGS, FeedEvent, Replay
+from flinders.links.recorder import FileSink, RecordedFeed, ResumedRecording
 from flinders.links.transports import Udp
 from flinders.readers import open_recording, read
 
@@ -109,7 +109,7 @@ def test_readings_are_handed_on_in_blocks_and_none_twice() -> None:
     assert isinstance(feed.next(0.1), FeedEvent)
     clock.now += 1e6  # nobody asked for a long time
     blocks = [feed.next(0.1) for _ in range(3)]
-    assert [len(block) for block in blocks if isinstance(block, Samples)] == [AT_ONCE, AT_ONCE, 200]
+    assert [len(block) for block in blocks if isinstance(block, Samples)] == [CHUNK_READINGS, CHUNK_READINGS, 200]
 
 
 @pytest.mark.parametrize("speed", [0.0, -1.0, np.nan, np.inf])
@@ -161,10 +161,10 @@ def test_it_is_rocked_at_first_and_good_after_half_a_minute() -> None:
         session.arrived(at, rows_of(block), block.unit)
         session.fit()
         phase = session.state.phase
-        assert phase == "collecting" or at >= ROCKED_S
+        assert phase == "collecting" or at >= ROCKING_S
         good_s = min(good_s, at if phase == "good" else math.inf)
     assert 25.0 < good_s < 32.0
-    assert [event.at for event in events] == [0.0, *(at for at, _ in SAID)]
+    assert [event.at for event in events] == [0.0, *(at for at, _ in COMMENTS)]
     assert "a common mistake" in events[1].words
 
 
@@ -195,7 +195,7 @@ def test_it_keeps_time() -> None:
 
 
 def test_what_is_kept_reads_back() -> None:
-    with ToFile("out.csv") as sink:
+    with FileSink("out.csv") as sink:
         feed = RecordedFeed(Replay(TUMBLE, speed=None), sink)
         readings, _ = asked(feed, at_the_end)
         feed.close()
@@ -212,15 +212,15 @@ def test_what_is_kept_reads_back() -> None:
 def test_what_is_kept_is_continued() -> None:
     whole = Samples.of([[1, 2, 3]] * 10, unit="counts", time=np.arange(10.0), temperature=[20.0] * 9 + [np.nan])
     for rows in (slice(0, 5), slice(5, 10)):
-        more = {"resumed": Resumed.of("out.csv")} if rows.start else {}
-        with ToFile("out.csv", resume=bool(rows.start)) as sink:
+        more = {"resumed": ResumedRecording.of("out.csv")} if rows.start else {}
+        with FileSink("out.csv", resume=bool(rows.start)) as sink:
             asked(RecordedFeed(Replay(whole[rows], speed=None), sink, **more), at_the_end)
     kept = read("out.csv")
     assert kept.time is not None
     np.testing.assert_array_equal(kept.time, np.arange(10.0))
     assert kept.unit.inside == "counts"
-    with ToFile("out.csv", resume=True) as sink:
-        feed = RecordedFeed(Replay(TUMBLE, speed=None), sink, resumed=Resumed.of("out.csv"))
+    with FileSink("out.csv", resume=True) as sink:
+        feed = RecordedFeed(Replay(TUMBLE, speed=None), sink, resumed=ResumedRecording.of("out.csv"))
         with assert_raises(OutputError):
             asked(feed, at_the_end)
 
@@ -401,7 +401,7 @@ def test_a_vehicle_that_falls_silent_is_gone_and_comes_back() -> None:
 
 
 def test_telemetry_is_kept() -> None:
-    with sky(held=HELD) as (_, vehicle), ToFile("out.csv") as sink:
+    with sky(held=HELD) as (_, vehicle), FileSink("out.csv") as sink:
         readings, _ = asked(RecordedFeed(Telemetry(vehicle), sink), enough)
     np.testing.assert_allclose(read("out.csv").field, readings.field, rtol=1e-8)
     assert_sentences(Path("out.csv").read_text(), about="compass 1")

@@ -12,7 +12,7 @@ from tests.program import flinders_
 from tests.sentences import assert_raises
 
 from flinders.apps.live.station.gauge import f_tail, gauge_study
-from flinders.apps.live.station.gauge_table import measured_of
+from flinders.apps.live.station.gauge_table import measured_table
 from flinders.errors import UsageError
 
 if TYPE_CHECKING:
@@ -129,14 +129,14 @@ def rows_of(values: Floats) -> list[dict[str, str]]:
 def test_a_table_gives_the_values_of_its_rows_in_any_order() -> None:
     rows = rows_of(AIAG)
     shuffled = [rows[place] for place in np.random.default_rng(1).permutation(len(rows))]
-    study = gauge_study(measured_of(shuffled, "noise").values)
+    study = gauge_study(measured_table(shuffled, "noise").values)
     assert study.percent("gauge") == pytest.approx(gauge_study(AIAG).percent("gauge"))
 
 
 def test_further_repeats_and_tests_without_a_number_are_left_out() -> None:
     stopped = {"unit": "P1", "operator": "A", "noise": "", "unit_of_field": ""}
     more = {"unit": "P1", "operator": "A", "noise": "9", "unit_of_field": "uT"}
-    measured = measured_of([stopped, *rows_of(AIAG), more], "noise")
+    measured = measured_table([stopped, *rows_of(AIAG), more], "noise")
     assert (measured.values.shape, measured.left_out, measured.unit) == ((10, 3, 3), 1, "uT")
     npt.assert_array_equal(measured.values, AIAG)
 
@@ -144,13 +144,13 @@ def test_further_repeats_and_tests_without_a_number_are_left_out() -> None:
 def test_a_part_that_one_operator_has_not_measured_is_named() -> None:
     rows = [row for row in rows_of(AIAG) if (row["unit"], row["operator"]) != ("P4", "B")]
     with pytest.raises(UsageError, match=r"P4.*B"):
-        measured_of(rows, "noise")
+        measured_table(rows, "noise")
 
 
 @pytest.mark.parametrize("names", [{"part": "units"}, {"operator": "opertor"}])
 def test_a_column_of_parts_or_operators_that_is_not_there_is_named(names: dict[str, str]) -> None:
     with assert_raises(UsageError):
-        measured_of(rows_of(AIAG), "noise", **names)
+        measured_table(rows_of(AIAG), "noise", **names)
 
 
 def test_the_exit_code_and_the_report_say_whether_the_gauge_is_acceptable(tmp_path: Path) -> None:

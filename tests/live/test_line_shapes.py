@@ -21,7 +21,7 @@ from tests.waiting import wait_until
 import flinders
 from flinders import simulate
 from flinders.core.samples import Samples
-from flinders.links.recorder import Recorder, ToFile
+from flinders.links.recorder import FileSink, Recorder
 from flinders.links.transports import Serial
 
 if TYPE_CHECKING:
@@ -115,7 +115,7 @@ def test_a_recording_and_the_live_page_give_the_same_numbers(
     options, path = options_of(shape), tmp_path / "recorded.csv"
     source = Serial(port[1])
     sender = threading.Thread(target=_send, args=(port[0], content))
-    with ToFile(path, force=False) as sink:
+    with FileSink(path, force=False) as sink:
         recorder = Recorder(source, sink, columns=options.get("columns"), pattern=options.get("pattern"))
         sender.start()
         live = []

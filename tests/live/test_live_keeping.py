@@ -15,7 +15,7 @@ from tests.waiting import wait_until
 
 from flinders.errors import OutputError
 from flinders.links.feeds import FeedEvent, FeedThread
-from flinders.links.recorder import AGAIN_S, Patient, Recorder, ToFile
+from flinders.links.recorder import RETRY_S, FileSink, Recorder, RetryingSink
 from flinders.links.transports import Udp
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ def send(port: int, numbers: range) -> None:
 def test_datagrams_that_waited_are_taken_together(tmp_path: Path) -> None:
     path, source = tmp_path / "burst.csv", Udp(0, "127.0.0.1")
     send(source.port, range(200))
-    with ToFile(path) as sink:
+    with FileSink(path) as sink:
         recorder = Recorder(source, sink, unit="uT")
         asked = 0
         while recorder.statistics.readings < 200 and asked < 20:
@@ -63,7 +63,7 @@ def test_at_1_khz_nothing_is_lost_while_a_thread_computes(tmp_path: Path) -> Non
             sum(range(1000))
 
     busy = threading.Thread(target=compute)
-    with ToFile(path) as sink:
+    with FileSink(path) as sink:
         pump = FeedThread(Recorder(source, sink, unit="uT"))
         busy.start()
         pump.start()
@@ -84,7 +84,7 @@ def test_what_this_machine_throws_away_is_counted_told_and_noted(tmp_path: Path)
     path, source = tmp_path / "flood.csv", Udp(0, "127.0.0.1")
     source._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 20_000)
     clock = iter(range(10_000))
-    with ToFile(path) as sink:
+    with FileSink(path) as sink:
         recorder = Recorder(source, sink, unit="uT", clock=lambda: float(next(clock)))
         send(source.port, range(1000))
         events: list[FeedEvent] = []
@@ -107,7 +107,7 @@ def test_a_full_disk_is_said_once_and_nothing_is_missing_when_there_is_room_agai
     resource = pytest.importorskip("resource")
     said: list[str] = []
     path, now = tmp_path / "full.csv", [0.0]
-    sink = Patient(ToFile(path), said.append, lambda: now[0])
+    sink = RetryingSink(FileSink(path), said.append, lambda: now[0])
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     sink.write("1,2,3\n")
     try:
@@ -122,7 +122,7 @@ def test_a_full_disk_is_said_once_and_nothing_is_missing_when_there_is_room_agai
     assert sink.why.startswith(f"{path}: cannot be written")
     sink.write("7,8,9\n")
     assert path.read_text(encoding="utf-8") == "1,2,3\n"
-    now[0] += AGAIN_S
+    now[0] += RETRY_S
     sink.write("8,8,9\n")
     assert sink.why == ""
     assert_sentences(said[1:])
@@ -132,8 +132,8 @@ def test_a_full_disk_is_said_once_and_nothing_is_missing_when_there_is_room_agai
 
 def test_a_disk_that_stays_full_is_an_error_in_the_end(tmp_path: Path) -> None:
     path = tmp_path / "full.csv"
-    file = ToFile(path)
-    sink = Patient(file, lambda _: None)
+    file = FileSink(path)
+    sink = RetryingSink(file, lambda _: None)
     os.close(file._file)
     file._file = os.open(path, os.O_RDONLY)  # nothing can be written any more
     sink.write("1,2,3\n")

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 try:
-    build.library(target=build.WEB)
+    build.library(target=build.WEB_PLATFORM)
 except build.NoCompiler as error:
     pytest.skip(str(error), allow_module_level=True)
 
@@ -174,9 +174,9 @@ def test_the_same_events_give_the_same_messages_again() -> None:
 
 
 def test_a_buffer_is_not_changed_by_what_comes_after_it() -> None:
-    buffer = ReadingBuffer.empty().extended(ROWS[:300])
+    buffer = ReadingBuffer.empty().with_rows(ROWS[:300])
     before = buffer.field.copy()
-    one, other = buffer.extended(ROWS[300:310]), buffer.extended(ROWS[400:410])
+    one, other = buffer.with_rows(ROWS[300:310]), buffer.with_rows(ROWS[400:410])
     npt.assert_array_equal(buffer.field, before)
     npt.assert_array_equal(one.field[300:], ROWS[300:310, 1:4])
     npt.assert_array_equal(other.field[300:], ROWS[400:410, 1:4])
@@ -185,10 +185,10 @@ def test_a_buffer_is_not_changed_by_what_comes_after_it() -> None:
 @given(st.lists(st.integers(1, 700), min_size=1, max_size=12))
 def test_memory_is_bounded_and_what_is_held_does_not_depend_on_how_it_came(batches: list[int]) -> None:
     rows = counted_rows(sum(batches))
-    whole, buffer = ReadingBuffer.empty(128).extended(rows), ReadingBuffer.empty(128)
+    whole, buffer = ReadingBuffer.empty(128).with_rows(rows), ReadingBuffer.empty(128)
     session = PageSession(rules={"capacity": 128})
     for first, last in itertools.pairwise(np.cumsum([0, *batches]).tolist()):
-        buffer = buffer.extended(rows[first:last])
+        buffer = buffer.with_rows(rows[first:last])
         session.arrived(1.0, rows[first:last])
         assert len(buffer) <= 128
         assert len(buffer._room.rows) <= max(128, 4096)
@@ -319,7 +319,7 @@ def test_a_page_has_what_the_server_has_whenever_it_came(places: list[int]) -> N
     """Readings that the server has in memory come as frames; what is there already changes nothing."""
     here, there, buffer = arrive(PageSession(), places), PageSession(), ReadingBuffer.empty(512)
     for begin, end in itertools.pairwise(places):
-        buffer = buffer.extended(ROWS[begin:end])
+        buffer = buffer.with_rows(ROWS[begin:end])
     frame = frame_of_buffer(buffer)
     for number in range(2):
         there.received(float(number), frame, is_old=number == 0)

@@ -32,10 +32,10 @@ from tests.waiting import PATIENCE_S, Heartbeat, wait_until
 import flinders
 from flinders import simulate
 from flinders.apps.live import messages, server, transfers
-from flinders.apps.live.access import HEADERS, Gate, Tokens, cookie_name, listening, server_of
+from flinders.apps.live.access import HEADERS, Gate, Tokens, cookie_name, open_listener, server_of
 from flinders.apps.live.buffer import ReadingBuffer
 from flinders.apps.live.hub import FRAME_ROWS, MAX_FINISHED, MAX_LOGS, UPLOAD_BYTES, Hub, Page
-from flinders.apps.live.messages import LONGEST, MAGIC, MAX_SPANS, Edits, Notice, Previous, encode, parse
+from flinders.apps.live.messages import MAGIC, MAX_MESSAGE_BYTES, MAX_SPANS, Edits, Notice, Previous, encode, parse
 from flinders.apps.live.server import STATIC, application
 from flinders.apps.live.session_file import Log, Supply, default_path, edits_in, line_of, read_edits
 from flinders.apps.live.standalone.package import live_data
@@ -48,11 +48,11 @@ from flinders.fitting.fit_file import fit_from
 from flinders.likelihood.site_field import Site
 from flinders.links import motioncal
 from flinders.links.feeds import Replay
-from flinders.links.recorder import RecordedFeed, ToFile
-from flinders.links.transports import Scripted
+from flinders.links.recorder import FileSink, RecordedFeed
+from flinders.links.transports import ScriptedSource
 from flinders.native import build
 from flinders.targets import registry
-from flinders.targets._target import MOUNTINGS
+from flinders.targets._target import MOUNTING_KINDS
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # that its client may be another one some day
@@ -88,7 +88,7 @@ class Bench:
         most: int | None = None,
     ) -> None:
         self.path = folder / "session.csv"
-        self.sink = ToFile(self.path)
+        self.sink = FileSink(self.path)
         feed = RecordedFeed(Replay(samples, speed=None), self.sink)
         buffer = ReadingBuffer.empty() if most is None else ReadingBuffer.empty(most)
         of = Axes.of(axes)
@@ -240,7 +240,7 @@ def test_a_page_is_told_all_there_is_when_it_comes(wall: Bench) -> None:
     assert welcome["version"] == flinders.__version__
     assert [target["name"] for target in welcome["targets"]] == [
         "arduino",
-        *(name for name, row in registry().items() if name != "arduino" and row.keeps not in MOUNTINGS),
+        *(name for name, row in registry().items() if name != "arduino" and row.keeps not in MOUNTING_KINDS),
     ]
     assert welcome["source"]["link"] == "ended"
     assert welcome["edits"] == json.loads(encode(Edits()))
@@ -415,9 +415,9 @@ def test_a_page_that_does_not_listen_keeps_the_newest_of_each_message() -> None:
     """Fifty notices, and no more; what is kept of edits is told whatever else has happened since."""
     page = Page()
     for number in range(200):
-        page.tell(messages.Kept(Edits(target_deg=1.0 + number / 10.0), number))
-        page.tell(Previous(f"{number}.json", "{}"))
-        page.tell(Notice("info", f"{number}"))
+        page.queue_message(messages.Kept(Edits(target_deg=1.0 + number / 10.0), number))
+        page.queue_message(Previous(f"{number}.json", "{}"))
+        page.queue_message(Notice("info", f"{number}"))
     told = list(iter(page.next_message, None))
     assert [type(message).__name__ for message in told[:3]] == ["Kept", "Previous", "Notice"]
     assert told[0] == messages.Kept(Edits(target_deg=20.9), 199)
@@ -476,7 +476,7 @@ def test_there_are_as_many_stretches_as_a_page_may_take_out() -> None:
     spans = tuple((2.0 * number, 2.0 * number + 1.0) for number in range(MAX_SPANS))
     edits = Edits(excluded=spans)
     assert parse(encode(edits)) == edits
-    assert len(encode(edits)) < LONGEST
+    assert len(encode(edits)) < MAX_MESSAGE_BYTES
 
 
 def test_text_that_is_no_unicode_is_no_message() -> None:
@@ -556,7 +556,7 @@ def test_the_engine_of_the_page_comes_as_webassembly(
     answer = wall.client.get("/flinders.wasm")
     assert (answer.status_code, answer.content) == (200, module.read_bytes())
     assert answer.headers["content-type"] == "application/wasm"
-    assert asked == [build.WEB]
+    assert asked == [build.WEB_PLATFORM]
 
 
 def test_where_the_engine_cannot_be_compiled_for_browsers_the_page_is_told_what_to_install(
@@ -622,7 +622,7 @@ def test_what_is_finished_is_made_once_of_the_readings_up_to_then(bench: Bench) 
     assert [answer["view"]["samples"] for answer in answers] == [samples, samples]
     assert answers[0]["number"] == answers[1]["number"]
     assert bench.finish(Edits(finished_s=40.0, target_deg=2.0)).json()["number"] != answers[0]["number"]
-    assert bench.hub.made().fit.evidence.samples == samples
+    assert bench.hub.finish_now().fit.evidence.samples == samples
     wait_until(lambda: read_edits(bench.path) == edits)
     assert len(flinders.read(bench.path)) == 3000
 
@@ -640,7 +640,7 @@ def test_each_log_is_finished_once(bench: Bench) -> None:
         (b'{"type": "edits", "target_deg": 1e999}', 400),
         (b'{"type": "previous", "name": "", "text": ""}', 400),
         (b'{"type": "edits", "excluded": ' + b"[" * 60_000, 400),
-        (b'{"type": "edits"}' + b" " * LONGEST, 413),
+        (b'{"type": "edits"}' + b" " * MAX_MESSAGE_BYTES, 413),
         (b'{"type": "edits", "refreshing": true}', 400),
     ],
 )  # fmt: skip
@@ -942,7 +942,7 @@ def test_a_session_that_renewed_is_none_without_its_earlier_calibration(bench: B
     content = bench.client.get(f"/calibration.json{bench.of_finished()}").text
     for warned in (True, False):
         page = Page()
-        hub.welcomed(page)
+        hub.add_page(page)
         told = page.next_message()
         assert isinstance(told, Notice) == warned
         if isinstance(told, Notice):
@@ -973,7 +973,7 @@ def test_a_calibration_of_another_sensor_is_not_sent_to_the_board(
     """A colleague's log was finished: the board gets nothing of it, and gets its own."""
     sent: list[MotionCalPacket] = []
     monkeypatch.setattr(motioncal, "send", lambda _, packet, **_more: sent.append(packet))
-    board = Scripted([])
+    board = ScriptedSource([])
     bench = Bench(tmp_path, simulate.tumble(seed=9).samples, board=board)
     own = simulate.tumble(seed=9).sensor
     other = simulate.Sensor.random(np.random.default_rng(77))
@@ -1038,8 +1038,8 @@ def test_what_cannot_be_recorded_is_in_the_calibration_all_the_same(tmp_path: Pa
 def listener(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """A server at a real port, which waits half a second for a head and takes ten connections."""
     monkeypatch.setattr("flinders.apps.live.access.HEAD_S", 0.5)
-    monkeypatch.setattr("flinders.apps.live.access.MOST_CONNECTIONS", 10)
-    opened = listening("127.0.0.1", 0)
+    monkeypatch.setattr("flinders.apps.live.access.MAX_CONNECTIONS", 10)
+    opened = open_listener("127.0.0.1", 0)
     number = int(opened.getsockname()[1])
     bench = Bench(tmp_path, simulate.tumble(seed=1, n=100).samples)
     app = application(bench.hub, Gate.of("127.0.0.1", number))
@@ -1143,7 +1143,7 @@ def upload_begun(listener: int, sent: bytes, length: int) -> socket.socket:
 
 
 def test_an_upload_that_stalls_is_dropped(listener: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("flinders.apps.live.server.STALLED_S", 0.3)
+    monkeypatch.setattr("flinders.apps.live.server.MAX_STALL_S", 0.3)
     with upload_begun(listener, b"1,2", 1000) as upload:
         answer = b""
         while part := upload.recv(4096):

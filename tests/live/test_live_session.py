@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit
 
 try:
-    build.library(target=build.WEB)
+    build.library(target=build.WEB_PLATFORM)
 except build.NoCompiler as error:
     pytest.skip(str(error), allow_module_level=True)
 
@@ -478,7 +478,7 @@ def test_a_log_is_finished_by_its_own_site_and_not_by_that_of_the_sensor() -> No
 def test_the_last_readings_of_an_ended_source_do_not_bring_it_back() -> None:
     session = PageSession()
     session.linked(0.0, "ended")
-    session.received(0.1, frame_of_buffer(ReadingBuffer.empty().extended(rows_of(simulate.tumble(seed=1).samples))))
+    session.received(0.1, frame_of_buffer(ReadingBuffer.empty().with_rows(rows_of(simulate.tumble(seed=1).samples))))
     assert session.state.source.link == "ended"
 
 

@@ -34,8 +34,8 @@ def recorded(shape: dict[str, Any], name: str, monkeypatch: pytest.MonkeyPatch) 
     """Record what a board prints."""
     readings, _ = printed(shape, TUMBLE)
     lines = [*shape["boot"], *(line for reading in readings for line in reading), ""]
-    board = transports.Scripted(["\r\n".join(lines).encode()], is_framed=True)
-    monkeypatch.setattr(transports, "opened_lines", lambda **_: board)
+    board = transports.ScriptedSource(["\r\n".join(lines).encode()], is_framed=True)
+    monkeypatch.setattr(transports, "open_lines", lambda **_: board)
     pattern = ["--pattern", shape["pattern"]] if "pattern" in shape else []
     return flinders_("record", "--serial", "-o", name, "--readings", str(len(TUMBLE) - 10), *pattern)
 

@@ -27,7 +27,7 @@ from flinders.comparison.comparison import compare
 from flinders.core.calibration_file import FindingRecord
 from flinders.core.samples import Samples
 from flinders.findings import Finding
-from flinders.findings.catalogue import CATALOGUE, OF_A_FIT, QUANTITIES_OF_A_FIT
+from flinders.findings.catalogue import CATALOGUE, ENGINE_FINDINGS, QUANTITIES_OF_A_FIT
 from flinders.fitting.result import document_of, with_name
 from flinders.geometry.sphere import tiles
 from flinders.native import build
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from flinders.heading.guidance import Goal
 
 try:
-    build.library(target=build.WEB)
+    build.library(target=build.WEB_PLATFORM)
 except build.NoCompiler as error:
     pytest.skip(str(error), allow_module_level=True)
 
@@ -444,9 +444,9 @@ const field = new Float64Array(Uint8Array.from(Buffer.from(given.asked.field, "b
 const { quantities } = fitOf(loaded, given.data, { ...given.asked, field, time: null });
 return [NAMES.values, NAMES.words, Object.keys(quantities).filter((name) => !Number.isNaN(quantities[name]))];
 """
-    wasm = build.library(target=build.WEB).read_bytes()
+    wasm = build.library(target=build.WEB_PLATFORM).read_bytes()
     values, words, known = run(program, {"wasm": packed(wasm), "data": engine.data(), "asked": case_of(samples).asked})
-    looked_for = [CATALOGUE[code] for code in OF_A_FIT if CATALOGUE[code].rule.compared <= set(known)]
+    looked_for = [CATALOGUE[code] for code in ENGINE_FINDINGS if CATALOGUE[code].rule.compared_quantities <= set(known)]
     assert {"heading-error", "few-samples", "structure", "stale-repeats"} <= {row.code for row in looked_for}
     for row in looked_for:
         named = {name for _, name, _, _ in Formatter().parse(row.template) if name}
@@ -473,6 +473,6 @@ def test_the_engine_of_browsers_imports_nothing_and_exports_what_the_page_calls(
 const module = new WebAssembly.Module(Uint8Array.from(Buffer.from(given, "base64")));
 return [WebAssembly.Module.imports(module), WebAssembly.Module.exports(module).map(({ name }) => name)];
 """
-    imports, exports = run(program, packed(build.library(target=build.WEB).read_bytes()))
+    imports, exports = run(program, packed(build.library(target=build.WEB_PLATFORM).read_bytes()))
     assert imports == []
-    assert set(exports) == {"memory", "_initialize", "__heap_base", *build.called_by_page()}
+    assert set(exports) == {"memory", "_initialize", "__heap_base", *build.page_functions()}

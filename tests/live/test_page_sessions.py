@@ -14,7 +14,7 @@ from tests.page_session import PageSession
 import flinders
 from flinders import simulate
 from flinders.apps.live.buffer import CAPACITY, rows_of
-from flinders.apps.live.messages import LARGEST_DIP_DEG, Edits, refuse_out_of_range
+from flinders.apps.live.messages import MAX_DIP_DEG, Edits, refuse_out_of_range
 from flinders.comparison.comparison import compare
 from flinders.core.geomag import ASSUMED_DIP_DEG
 from flinders.errors import UsageError
@@ -22,7 +22,7 @@ from flinders.fitting.result import with_name
 from flinders.native import build
 
 try:
-    build.library(target=build.WEB)
+    build.library(target=build.WEB_PLATFORM)
 except build.NoCompiler as error:
     pytest.skip(str(error), allow_module_level=True)
 
@@ -38,8 +38,8 @@ def test_the_page_holds_as_many_readings_as_the_server_and_assumes_its_dip() -> 
         ({"type": "target", "deg": 180.0}, Edits(target_deg=180.0), True),
         ({"type": "target", "deg": 180.1}, Edits(target_deg=180.1), False),
         ({"type": "target", "deg": 0.0}, Edits(target_deg=0.0), False),
-        ({"type": "dip", "deg": -LARGEST_DIP_DEG}, Edits(dip_deg=-LARGEST_DIP_DEG), True),
-        ({"type": "dip", "deg": LARGEST_DIP_DEG + 0.1}, Edits(dip_deg=LARGEST_DIP_DEG + 0.1), False),
+        ({"type": "dip", "deg": -MAX_DIP_DEG}, Edits(dip_deg=-MAX_DIP_DEG), True),
+        ({"type": "dip", "deg": MAX_DIP_DEG + 0.1}, Edits(dip_deg=MAX_DIP_DEG + 0.1), False),
         ({"type": "exclude", "start_s": 3.0, "end_s": 2.0}, Edits(excluded=((3.0, 2.0),)), False),
     ],
 )

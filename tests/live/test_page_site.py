@@ -19,14 +19,14 @@ from tests.page_session import UT, PageSession, log_of
 from tests.sentences import assert_sentences
 
 from flinders import simulate
-from flinders.apps.live.messages import LARGEST_DIP_DEG
+from flinders.apps.live.messages import MAX_DIP_DEG
 from flinders.apps.live.standalone import engine
 from flinders.core.geomag import newest_model, site_field
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.errors import UsageError
 from flinders.estimators import Readings
-from flinders.estimators.known_dip import sited
+from flinders.estimators.known_dip import update_by_site
 from flinders.estimators.level import Level
 from flinders.fitting.record import record_of
 from flinders.likelihood.site_field import Site
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from flinders.native.layouts import Records
 
 try:
-    build.library(target=build.WEB)
+    build.library(target=build.WEB_PLATFORM)
 except build.NoCompiler as error:
     pytest.skip(str(error), allow_module_level=True)
 
@@ -73,7 +73,7 @@ def field_at(latitude_deg: float, longitude_deg: float) -> SiteField | None:
         field = site_field(latitude_deg, longitude_deg, year=PLACE["year"])
     except UsageError:
         return None
-    return field if abs(field.inclination_deg) <= LARGEST_DIP_DEG else None
+    return field if abs(field.inclination_deg) <= MAX_DIP_DEG else None
 
 
 @pytest.mark.parametrize(
@@ -205,14 +205,14 @@ def test_a_level_turn_at_a_place_is_where_the_program_puts_it() -> None:
     turns, expected = [], []
     for number, alignment_deg in ((1, None), (2, 2.0), (3, 5.0)):
         truth, site = Turned(mounted_deg=2.0).record(number, 300)
-        readings = Readings.of(replace(truth.samples, acceleration=None)).fitted()
+        readings = Readings.of(replace(truth.samples, acceleration=None)).for_fit()
         alone = Level(dip_deg=60.0).estimate(readings)
         record = record_of(alone, readings.statistics)
         record["rejected_beyond"] = alone.rejected_beyond if np.isfinite(alone.rejected_beyond) else 0.0
         asked = {**(site_of(site) or {}), "alignment_sigma_deg": alignment_deg}
-        turns.append({"field": readings.thinned(20_000).ravel().tolist(), "record": as_json(record), "site": asked})
-        expected.append(sited(alone, readings, site, dip_deg=60.0, alignment_sigma_deg=alignment_deg))
-    wasm = packed(build.library(target=build.WEB).read_bytes())
+        turns.append({"field": readings.thin(20_000).ravel().tolist(), "record": as_json(record), "site": asked})
+        expected.append(update_by_site(alone, readings, site, dip_deg=60.0, alignment_sigma_deg=alignment_deg))
+    wasm = packed(build.library(target=build.WEB_PLATFORM).read_bytes())
     for page, program in zip(run(LEVEL, {"turns": turns, "wasm": wasm, "data": engine.data()}), expected, strict=True):
         parameters = np.array([*page["centre"], *page["shape"]])
         npt.assert_allclose(parameters, program.ellipsoid.parameters, rtol=1e-9, atol=1e-9)

@@ -147,7 +147,7 @@ def test_a_car_is_never_asked_to_turn_over() -> None:
 def test_who_does_what_the_page_asks_is_done_soon(who: str) -> None:
     """Table: docs/guidance.md."""
     try:
-        build.library(target=build.WEB)
+        build.library(target=build.WEB_PLATFORM)
     except build.NoCompiler as error:
         pytest.skip(str(error))
     runs = play([{"seed": seed, "who": who, "halts": 0, "body": "board", "dip": 60, "most_s": 60} for seed in range(6)])

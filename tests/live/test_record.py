@@ -23,9 +23,9 @@ from tests.waiting import PATIENCE_S, Heartbeat, wait_until
 from flinders import simulate
 from flinders.cli import main
 from flinders.errors import LinkError, OutputError, OutputExists, UnreadableInput
-from flinders.links.recorder import Recorder, ToFile
-from flinders.links.transcript import RecordingStatistics, escaped, settle
-from flinders.links.transports import Gone, Quiet, Scripted, Serial, Tcp, Udp
+from flinders.links.recorder import FileSink, Recorder
+from flinders.links.transcript import RecordingStatistics, escape_bytes, recognise_form
+from flinders.links.transports import Disconnection, ScriptedSource, Serial, Silence, Tcp, Udp
 from flinders.readers import read
 
 if TYPE_CHECKING:
@@ -46,11 +46,11 @@ def table(rows: Floats = FIELD, delimiter: str = ",", end: str = "\n", header: s
 
 
 def recorded(
-    steps: Iterable[bytes | Gone | Quiet], *, is_framed: bool = False, **more: object
+    steps: Iterable[bytes | Disconnection | Silence], *, is_framed: bool = False, **more: object
 ) -> tuple[RecordingStatistics, str]:
     """Record a script to its end; what was told, and the file."""
-    source, path = Scripted(steps, is_framed=is_framed), Path("out.csv")
-    with ToFile(path, force=True) as sink:
+    source, path = ScriptedSource(steps, is_framed=is_framed), Path("out.csv")
+    with FileSink(path, force=True) as sink:
         told = Recorder(source, sink, stopped=lambda: source.is_done, **more).run()  # type: ignore[arg-type]
     return told, path.read_text(encoding="utf-8")
 
@@ -157,7 +157,7 @@ def test_columns_that_are_not_clear_are_all_recorded() -> None:
 
 @pytest.mark.parametrize("line", ["", "ready", "1,2", "12:30:05", "Raw:", "{}", '{"a": 1}', "|1,2*", "0x10 0x20"])
 def test_what_holds_no_three_numbers_settles_nothing(line: str) -> None:
-    assert settle([line] * 5) is None
+    assert recognise_form([line] * 5) is None
 
 
 # nothing is lost
@@ -213,7 +213,7 @@ def test_lines_that_change_their_form_are_told() -> None:
 def test_it_ends_after_so_many_readings_or_seconds() -> None:
     told, text = recorded([raw()], readings=7)
     assert told.readings == len(rows_of(text)) == 7
-    told, _ = recorded([raw(), *[Quiet(0.05)] * 99], seconds=0.3)
+    told, _ = recorded([raw(), *[Silence(0.05)] * 99], seconds=0.3)
     assert told.readings == 40
     assert 0.3 <= told.seconds < 0.5
 
@@ -230,20 +230,20 @@ def test_silence_and_noise_are_no_recording() -> None:
 
 
 def test_a_full_disk_says_what_is_saved() -> None:
-    sink = ToFile("full.csv")
+    sink = FileSink("full.csv")
     keep, sink._file = sink._file, os.open("/dev/full", os.O_WRONLY)
     os.close(keep)
     with assert_raises(OutputError):
-        Recorder(Scripted([raw()]), sink, readings=40).run()
+        Recorder(ScriptedSource([raw()]), sink, readings=40).run()
     with pytest.raises(OutputExists):
-        ToFile("full.csv")
+        FileSink("full.csv")
 
 
 def test_escaped_bytes_are_printable_ascii() -> None:
     every = bytes(range(256))
-    assert escaped(every).isascii()
-    assert escaped(every).isprintable()
-    assert escaped(every).encode().decode("unicode_escape").encode("latin-1") == every
+    assert escape_bytes(every).isascii()
+    assert escape_bytes(every).isprintable()
+    assert escape_bytes(every).encode().decode("unicode_escape").encode("latin-1") == every
 
 
 # ports
@@ -295,7 +295,7 @@ def test_two_thousand_lines_at_five_hundred_a_second_arrive_complete() -> None:
             os.write(board.master, line)
 
     sender = threading.Thread(target=send)
-    with ToFile("out.csv") as sink, Heartbeat() as heartbeat:
+    with FileSink("out.csv") as sink, Heartbeat() as heartbeat:
         sender.start()
         told = Recorder(source, sink, readings=2000, seconds=PATIENCE_S).run()
     sender.join()
@@ -370,7 +370,7 @@ def test_udp_is_heard() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sensor:
         for row in FIELD:
             sensor.sendto(raw(row[None]).rstrip(), ("127.0.0.1", source.port))
-        with ToFile("out.csv") as sink:
+        with FileSink("out.csv") as sink:
             assert Recorder(source, sink, readings=40, seconds=5).run().unknown == 0
     np.testing.assert_allclose(read("out.csv").field, FIELD)
     with assert_raises(LinkError):
@@ -385,7 +385,7 @@ def test_tcp_is_heard_until_the_other_end_closes() -> None:
         peer.sendall(raw())
         peer.close()
         said: list[str] = []
-        with ToFile("out.csv") as sink:
+        with FileSink("out.csv") as sink:
             told = Recorder(source, sink, seconds=0.5, say=said.append).run()
     source.close()
     assert told.readings == 40

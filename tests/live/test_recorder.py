@@ -21,9 +21,9 @@ from flinders import simulate
 from flinders.cli import main
 from flinders.errors import OutputError
 from flinders.links.feeds import FeedEvent
-from flinders.links.recorder import Recorder, Resumed, ToFile
-from flinders.links.transcript import LONGEST, Transcript
-from flinders.links.transports import Gone, Quiet, Scripted
+from flinders.links.recorder import FileSink, Recorder, ResumedRecording
+from flinders.links.transcript import MAX_LINE_BYTES, Transcript
+from flinders.links.transports import Disconnection, ScriptedSource, Silence
 from flinders.readers import read
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def table(rows: Floats = FIELD, header: str = "mx_uT,my_uT,mz_uT\n") -> bytes:
     return (header + "".join(f"{x:.1f},{y:.1f},{z:.1f}\n" for x, y, z in rows)).encode()
 
 
-def fed(recorder: Recorder, source: Scripted) -> tuple[Samples, list[FeedEvent]]:
+def fed(recorder: Recorder, source: ScriptedSource) -> tuple[Samples, list[FeedEvent]]:
     """Ask until the script is at its end, and then for what is left."""
 
     def is_over(_: Samples, events: list[FeedEvent]) -> bool:
@@ -78,8 +78,8 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_readings_are_those_that_the_file_gives(content: bytes) -> None:
     rng = np.random.default_rng(0)
     cuts = np.sort(rng.integers(0, len(content), 15)).tolist()
-    source = Scripted([content[a:b] for a, b in zip([0, *cuts], [*cuts, len(content)], strict=True) if b > a])
-    with ToFile("out.csv") as sink:
+    source = ScriptedSource([content[a:b] for a, b in zip([0, *cuts], [*cuts, len(content)], strict=True) if b > a])
+    with FileSink("out.csv") as sink:
         readings, events = fed(Recorder(source, sink), source)
     live, kept = readings, read("out.csv")
     assert [event.kind for event in events] == ["connected", "settled"]
@@ -95,8 +95,8 @@ def test_readings_are_those_that_the_file_gives(content: bytes) -> None:
 def test_columns_and_unit_that_the_lines_do_not_tell_are_those_asked_for() -> None:
     content = b"x\n" + b"1,2,3,217,4,-586\n" * 30
     for options, count in (({}, 0), ({"columns": "c4,c5,c6", "unit": "mG"}, 30)):
-        source = Scripted([content])
-        with ToFile("out.csv", force=True) as sink:
+        source = ScriptedSource([content])
+        with FileSink("out.csv", force=True) as sink:
             readings, _ = fed(Recorder(source, sink, **options), source)  # type: ignore[arg-type]
         assert len(readings) == count
     assert readings.field[0] == pytest.approx((21.7, 0.4, -58.6))
@@ -104,8 +104,8 @@ def test_columns_and_unit_that_the_lines_do_not_tell_are_those_asked_for() -> No
 
 
 def test_lines_whose_magnetometer_is_not_clear_are_recorded_and_said_to_be_unclear() -> None:
-    source = Scripted([b"x\n" + b"1,2,3,217,4,-586\n" * 30])
-    with ToFile("out.csv") as sink:
+    source = ScriptedSource([b"x\n" + b"1,2,3,217,4,-586\n" * 30])
+    with FileSink("out.csv") as sink:
         readings, events = fed(Recorder(source, sink), source)
     assert [event.kind for event in events] == ["connected", "settled", "unclear"]
     assert "three of t_s,c1,c2,c3,c4,c5,c6" in events[-1].words
@@ -114,9 +114,9 @@ def test_lines_whose_magnetometer_is_not_clear_are_recorded_and_said_to_be_uncle
 
 
 def test_a_loss_and_a_return_are_events_between_the_readings() -> None:
-    source = Scripted([raw(FIELD[:20]), Gone(), raw(FIELD[20:])])
+    source = ScriptedSource([raw(FIELD[:20]), Disconnection(), raw(FIELD[20:])])
     order: list[str] = []
-    with ToFile("out.csv") as sink:
+    with FileSink("out.csv") as sink:
         recorder = Recorder(source, sink)
         while not source.is_done:
             found = recorder.next(0.05)
@@ -155,8 +155,8 @@ def test_a_line_that_is_too_long_is_one_line_not_understood_and_no_reading() -> 
     long = b"1.5,2.5,3.5," * 90_000
     content = table(FIELD[:20]) + long + b"\n" + table(FIELD[20:], header="")
     said: list[str] = []
-    source = Scripted([content[start : start + 65_521] for start in range(0, len(content), 65_521)])
-    with ToFile("out.csv") as sink:
+    source = ScriptedSource([content[start : start + 65_521] for start in range(0, len(content), 65_521)])
+    with FileSink("out.csv") as sink:
         told = Recorder(source, sink, stopped=lambda: source.is_done, say=said.append).run()
     assert (told.readings, told.unknown) == (40, 1)
     assert not any(line.startswith("!") for line in said)
@@ -171,7 +171,7 @@ def test_bytes_without_line_ends_are_bounded_and_told_as_such() -> None:
     for second in range(50):
         taken = transcript.take(b"21.7 0.4 -58.6 " * 1000, second / 100)
         assert taken.readings is None
-    assert len(transcript._rest) <= LONGEST
+    assert len(transcript._rest) <= MAX_LINE_BYTES
     transcript = Transcript("the board")
     transcript.take(b"21.7 0.4 -58.6 " * 20, 1.0)
     transcript.end(2.0)
@@ -204,10 +204,10 @@ HEADER = "t_s,mx_uT,my_uT,mz_uT"
 
 def test_a_torn_recording_is_continued_and_nothing_of_it_lost() -> None:
     begun([HEADER, "0.1000,1.0,2.0,3.0", "0.2000,1.1,2.0,3.0"], torn="0.3000,1.2,2.0,-5")
-    source = Scripted([table()])
-    resumed = Resumed.of("old.csv")
+    source = ScriptedSource([table()])
+    resumed = ResumedRecording.of("old.csv")
     assert (resumed.header, resumed.rows[0]) == (HEADER, "0.1000,1.0,2.0,3.0")
-    with ToFile("old.csv", resume=True) as sink:
+    with FileSink("old.csv", resume=True) as sink:
         readings, _ = fed(Recorder(source, sink, resumed=resumed), source)
     text = Path("old.csv").read_text(encoding="utf-8")
     assert "# cut off: 0.3000,1.2,2.0,-5\n" in text
@@ -226,9 +226,9 @@ def test_a_torn_recording_is_continued_and_nothing_of_it_lost() -> None:
 )
 def test_a_recording_that_ended_before_its_first_row_is_continued(rows: list[str], torn: str) -> None:
     begun(rows, torn)
-    source = Scripted([table()])
-    with ToFile("old.csv", resume=True) as sink:
-        fed(Recorder(source, sink, resumed=Resumed.of("old.csv")), source)
+    source = ScriptedSource([table()])
+    with FileSink("old.csv", resume=True) as sink:
+        fed(Recorder(source, sink, resumed=ResumedRecording.of("old.csv")), source)
     np.testing.assert_allclose(read("old.csv").field, FIELD)
 
 
@@ -238,9 +238,9 @@ def test_any_tear_is_mended() -> None:
     first = whole.index(b"\n") + 1
     for end in np.random.default_rng(0).integers(first, len(whole), 40).tolist():
         Path("old.csv").write_bytes(whole[:end])
-        source = Scripted([table()])
-        with ToFile("old.csv", resume=True) as sink:
-            fed(Recorder(source, sink, resumed=Resumed.of("old.csv")), source)
+        source = ScriptedSource([table()])
+        with FileSink("old.csv", resume=True) as sink:
+            fed(Recorder(source, sink, resumed=ResumedRecording.of("old.csv")), source)
         kept = whole[:end].rpartition(b"\n")[0]
         count = max(kept.count(b"\n") - 1, 0)
         np.testing.assert_allclose(read("old.csv").field[count:], FIELD)
@@ -249,8 +249,8 @@ def test_any_tear_is_mended() -> None:
 
 def test_another_sensor_does_not_go_on_with_a_recording() -> None:
     begun([HEADER, "0.1000,1.0,2.0,3.0"])
-    source = Scripted([raw()])
-    recorder = Recorder(source, ToFile("old.csv", resume=True), resumed=Resumed.of("old.csv"))
+    source = ScriptedSource([raw()])
+    recorder = Recorder(source, FileSink("old.csv", resume=True), resumed=ResumedRecording.of("old.csv"))
     with assert_raises(OutputError):
         fed(recorder, source)
     np.testing.assert_allclose(read("old.csv").field, [[1, 2, 3]])
@@ -258,10 +258,10 @@ def test_another_sensor_does_not_go_on_with_a_recording() -> None:
 
 def test_what_is_no_recording_is_not_continued() -> None:
     with assert_raises(OutputError):
-        Resumed.of("none.csv")
+        ResumedRecording.of("none.csv")
     Path("notes.csv").write_text("1,2,3\n", encoding="utf-8")
     with assert_raises(OutputError):
-        Resumed.of("notes.csv")
+        ResumedRecording.of("notes.csv")
     for words, code in (
         (("-o", "notes.csv", "--resume"), 6),
         (("-o", "none.csv", "--resume"), 6),
@@ -275,11 +275,11 @@ def test_what_is_no_recording_is_not_continued() -> None:
 
 
 def test_one_file_has_one_recorder() -> None:
-    with ToFile("out.csv") as sink:
+    with FileSink("out.csv") as sink:
         sink.write("1,2,3\n")
         for more in ({"resume": True}, {"force": True}):
             with assert_raises(OutputError):
-                ToFile("out.csv", **more)
+                FileSink("out.csv", **more)
     assert Path("out.csv").read_text(encoding="utf-8") == "1,2,3\n"
 
 
@@ -335,8 +335,8 @@ def test_standard_output_that_is_closed_is_no_place_for_a_recording() -> None:
 
 
 def test_quiet_is_nothing() -> None:
-    source = Scripted([Quiet(0.01)])
-    with ToFile("out.csv") as sink:
+    source = ScriptedSource([Silence(0.01)])
+    with FileSink("out.csv") as sink:
         recorder = Recorder(source, sink)
         assert isinstance(recorder.next(0.01), FeedEvent)
         assert recorder.next(0.01) is None

@@ -17,8 +17,8 @@ from tests.waiting import Heartbeat
 
 from flinders.errors import LinkError, UsageError
 from flinders.links import serial_ports
-from flinders.links.serial_ports import ANY_PORT, board_port, plugged_in, ports, ports_in_words
-from flinders.links.transports import opened_lines
+from flinders.links.serial_ports import ANY_PORT, board_port, describe_ports, find_board_port, ports
+from flinders.links.transports import open_lines
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -56,7 +56,7 @@ def plug(monkeypatch: pytest.MonkeyPatch, *found: Any) -> None:
 @pytest.mark.parametrize("found", NO_BOARDS, ids=lambda port: port.resolved_device)
 def test_a_port_that_is_no_board_s_is_not_taken_by_itself(found: Any, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: ANN401
     plug(monkeypatch, found)
-    assert plugged_in() is None
+    assert find_board_port() is None
     with pytest.raises(LinkError) as refused:
         board_port()
     assert refused.value.hint == {"port": found.resolved_device}
@@ -65,13 +65,13 @@ def test_a_port_that_is_no_board_s_is_not_taken_by_itself(found: Any, monkeypatc
 @pytest.mark.parametrize("board", [NANO, ESP32, CHEAP], ids=lambda port: port.resolved_device)
 def test_the_one_board_is_found_among_all_other_ports(board: Any, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: ANN401
     plug(monkeypatch, *MAINBOARD, board, *MODEMS)
-    assert board_port() == plugged_in() == board.device
-    assert ports_in_words().startswith(f"there are {board.resolved_device}")
+    assert board_port() == find_board_port() == board.device
+    assert describe_ports().startswith(f"there are {board.resolved_device}")
 
 
 def test_of_two_boards_one_has_to_be_named(monkeypatch: pytest.MonkeyPatch) -> None:
     plug(monkeypatch, NANO, ESP32)
-    for find in (board_port, plugged_in):
+    for find in (board_port, find_board_port):
         with pytest.raises(UsageError) as refused:
             find()
         assert refused.value.hint == {"port": "/dev/ttyACM0"}
@@ -79,7 +79,7 @@ def test_of_two_boards_one_has_to_be_named(monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_a_machine_without_ports_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     plug(monkeypatch)
-    assert (ports(), plugged_in()) == ([], None)
+    assert (ports(), find_board_port()) == ([], None)
     with pytest.raises(LinkError) as refused:
         board_port()
     assert refused.value.hint == {}
@@ -96,7 +96,7 @@ def test_ports_that_cannot_be_listed_are_none(monkeypatch: pytest.MonkeyPatch) -
 def test_a_named_port_is_taken_whatever_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     plug(monkeypatch, *NO_BOARDS)
     master, slave = os.openpty()
-    source = opened_lines(port=os.ttyname(slave))
+    source = open_lines(port=os.ttyname(slave))
     assert source.name == os.ttyname(slave)
     source.close()
     os.close(master)
@@ -107,7 +107,7 @@ def test_the_port_that_stays_the_same_is_opened(monkeypatch: pytest.MonkeyPatch)
     """A board that is plugged in again may be ttyACM1 then."""
     master, slave = os.openpty()
     plug(monkeypatch, *MAINBOARD, listed("/dev/ttyACM0", "Nano", 0x2341, os.ttyname(slave)))
-    source = opened_lines(port=ANY_PORT)
+    source = open_lines(port=ANY_PORT)
     assert source.name == os.ttyname(slave)
     source.close()
     os.close(master)

@@ -24,7 +24,7 @@ from flinders.apps.live.standalone.package import live_data
 from flinders.apps.live.station.bench import Station
 from flinders.apps.live.station.folder import StationFolder
 from flinders.apps.live.station.plan import plan_of, read_plan
-from flinders.apps.live.station.recordings import Announcing, UnitSink
+from flinders.apps.live.station.recordings import SerialNumberSource, UnitSink
 from flinders.apps.live.station.routes import routes_of
 from flinders.apps.live.station.table import COLUMNS, StationTable
 from flinders.core import calibration_file
@@ -98,7 +98,7 @@ class Line:
         self.said: list[str] = []
         self.folder = StationFolder(folder)
         sink = UnitSink(self.said.append)
-        wire = Announcing(self.board, self.plan.serial.board_line) if self.plan.serial.board_line else None
+        wire = SerialNumberSource(self.board, self.plan.serial.board_line) if self.plan.serial.board_line else None
         reading: dict[str, Any] = {"unit": unit, "columns": "2,3,4"}
         edits = Edits(paused_s=0.0, target_deg=self.plan.limits.heading_error_deg)
         feed = Recorder(wire or self.board, sink, **reading)
@@ -335,7 +335,7 @@ def test_a_fault_of_the_program_costs_no_row(line: Line, monkeypatch: pytest.Mon
 
     line.do("start", serial="A17")
     with monkeypatch.context() as patch:
-        patch.setattr("flinders.apps.live.station.bench.judged", broken)
+        patch.setattr("flinders.apps.live.station.bench.judge_test", broken)
         line.client.post("/station", content='{"do": "finish"}', headers=OWN)
     assert (line.rows[0]["result"], line.rows[0]["code"]) == ("aborted", "fault")
     assert line.state["phase"] == "result"

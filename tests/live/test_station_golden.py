@@ -11,7 +11,7 @@ from tests.golden.sessions import assert_sessions_are_real, session
 from tests.live.test_gauge_study import AIAG
 
 from flinders.apps.live.station.limits import Miss
-from flinders.apps.live.station.words import EVENTS, LIMITS, said
+from flinders.apps.live.station.words import EVENTS, LIMITS, miss_words
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -27,7 +27,7 @@ RANGES = {
 def test_why_units_fail(golden: Golden) -> None:
     assert RANGES.keys() == LIMITS.keys()
     misses = [*(Miss(code, *RANGES[code]) for code in LIMITS), *map(Miss, EVENTS)]
-    lines = [f"{miss.code}: {' | '.join(said(miss, None))}\n" for miss in misses]
+    lines = [f"{miss.code}: {' | '.join(miss_words(miss, None))}\n" for miss in misses]
     golden("cli/station-reasons.txt", "".join(lines))
 
 

@@ -14,7 +14,7 @@ from tests.sentences import assert_raises, assert_sentences
 
 import flinders
 from flinders.errors import InputError, NoMagnetometer
-from flinders.links.transcript import Transcript, escaped
+from flinders.links.transcript import Transcript, escape_bytes
 from flinders.readers import TextRecording
 
 if TYPE_CHECKING:
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 
 def test_escaped_bytes_can_be_restored() -> None:
-    assert escaped(b"\xff\x00 42 \\") == "\\xff\\x00 42 \\\\"
-    assert escaped(b"\xff\x00 42 \\").encode().decode("unicode_escape").encode("latin-1") == b"\xff\x00 42 \\"
+    assert escape_bytes(b"\xff\x00 42 \\") == "\\xff\\x00 42 \\\\"
+    assert escape_bytes(b"\xff\x00 42 \\").encode().decode("unicode_escape").encode("latin-1") == b"\xff\x00 42 \\"
 
 
 def test_a_board_that_prints_of_several_is_read_of_the_first_and_said() -> None:

@@ -16,7 +16,7 @@ import flinders
 from flinders import simulate
 from flinders.apps.marine.compass_log import read_courses
 from flinders.errors import UnreadableInput
-from flinders.geometry.angles import wrapped
+from flinders.geometry.angles import wrap_360
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 def boat_of(velocity: TimeSeries) -> Boat:
     """A boat that moves so; its compass does not matter."""
     north, east = velocity.values.T
-    course = wrapped(np.rad2deg(np.arctan2(east, north)) - DECLINATION)
+    course = wrap_360(np.rad2deg(np.arctan2(east, north)) - DECLINATION)
     return Boat(velocity.time, course, course, course, np.hypot(north, east))
 
 

@@ -11,7 +11,7 @@ from tests.sentences import assert_raises
 
 from flinders.apps.marine.deviation import Expected, eight_points, eight_points_sigma, fit
 from flinders.errors import ArrayError, FitError, UsageError
-from flinders.geometry.angles import folded, mean_deg, shown_heading, wrapped
+from flinders.geometry.angles import heading_text, mean_deg, wrap_180, wrap_360
 from flinders.heading.attitude import level_heading_deg
 from flinders.heading.harmonics import design
 from flinders.heading.stationary import half_turns, hard_iron, rests
@@ -47,14 +47,14 @@ def test_the_example_of_ho226_by_eight_points() -> None:
 def test_the_example_of_ho226_by_least_squares() -> None:
     found = fit(POINTS, HO226)
     assert shown(found.coefficients_deg, 4) == ["1.0000", "11.9397", "7.9598", "5.0000", "1.5000"]
-    assert found.eight is not None
-    npt.assert_allclose(found.eight, [1.0, 12.0, 8.0, 5.0, 1.5])
+    assert found.eight_point_coefficients is not None
+    npt.assert_allclose(found.eight_point_coefficients, [1.0, 12.0, 8.0, 5.0, 1.5])
 
 
 def test_a_compass_with_known_iron_over_its_own_headings() -> None:
     magnetic = np.arange(720) * 0.5
     compass = with_iron(magnetic)
-    found = fit(compass, folded(magnetic - compass))
+    found = fit(compass, wrap_180(magnetic - compass))
     assert shown(found.coefficients_deg, 4) == ["-0.2565", "3.2463", "-2.1767", "0.8563", "0.0247"]
     assert f"{np.sqrt(np.mean(found.residual_deg**2)):.3f}" == "0.021"
 
@@ -62,7 +62,7 @@ def test_a_compass_with_known_iron_over_its_own_headings() -> None:
 def test_the_same_compass_over_magnetic_headings_has_other_coefficients() -> None:
     """Second-order terms: D less (B² − C²)/2, E less BC. Which heading is the argument has to be said."""
     magnetic = np.arange(720) * 0.5
-    found = fit(magnetic, folded(magnetic - with_iron(magnetic)))
+    found = fit(magnetic, wrap_180(magnetic - with_iron(magnetic)))
     assert shown(found.coefficients_deg, 4) == ["-0.2565", "3.2775", "-2.1435", "0.8014", "0.1550"]
     assert f"{np.sqrt(np.mean(found.residual_deg**2)):.3f}" == "0.040"
 
@@ -78,7 +78,7 @@ def test_iron_tells_the_coefficients_to_first_order() -> None:
     ]
     magnetic = np.arange(720) * 0.5
     compass = with_iron(magnetic)
-    found = fit(compass, folded(magnetic - compass)).coefficients_deg
+    found = fit(compass, wrap_180(magnetic - compass)).coefficients_deg
     npt.assert_allclose(found, np.rad2deg(rows), atol=0.05)
 
 
@@ -195,8 +195,8 @@ def test_a_card_goes_there_and_back() -> None:
     headings, deviations, sigmas = found.card(10.0)
     assert len(headings) == 36
     assert sigmas is not None
-    npt.assert_allclose(wrapped(headings + deviations), found.magnetic(headings))
-    npt.assert_allclose(folded(found.compass(found.magnetic(headings)) - headings), 0.0, atol=1e-6)
+    npt.assert_allclose(wrap_360(headings + deviations), found.magnetic(headings))
+    npt.assert_allclose(wrap_180(found.compass(found.magnetic(headings)) - headings), 0.0, atol=1e-6)
     for step in (7.0, 0.0, -15.0, float("nan")):
         with assert_raises(UsageError):
             found.card(step)
@@ -207,10 +207,10 @@ def test_a_card_goes_there_and_back() -> None:
 def test_eight_points_are_found_in_any_order_and_nowhere_else() -> None:
     order = [3, 1, 7, 0, 2, 6, 5, 4]
     shuffled = fit(POINTS[order] + 360.0, np.array(HO226)[order])
-    assert shuffled.eight is not None
-    npt.assert_allclose(shuffled.eight, [1.0, 12.0, 8.0, 5.0, 1.5])
-    assert fit(POINTS + 10.0, HO226).eight is None
-    assert fit([*POINTS, 20.0], [*HO226, 15.0]).eight is None
+    assert shuffled.eight_point_coefficients is not None
+    npt.assert_allclose(shuffled.eight_point_coefficients, [1.0, 12.0, 8.0, 5.0, 1.5])
+    assert fit(POINTS + 10.0, HO226).eight_point_coefficients is None
+    assert fit([*POINTS, 20.0], [*HO226, 15.0]).eight_point_coefficients is None
 
 
 # rests and half turns
@@ -221,16 +221,16 @@ def stream(stops: list[float], *, noise: float = 0.5, seed: int = 1) -> Floats:
     rng = np.random.default_rng(seed)
     parts = []
     for before, after in zip(stops, [*stops[1:], stops[-1]], strict=True):
-        way = float(folded(after - before))
+        way = float(wrap_180(after - before))
         parts += [np.full(250, before), before + np.linspace(0.0, way, max(int(abs(way)), 1))]
     clean = np.concatenate(parts)
-    return wrapped(clean + rng.normal(0.0, noise, len(clean)))
+    return wrap_360(clean + rng.normal(0.0, noise, len(clean)))
 
 
 def test_rests_are_found_with_their_headings() -> None:
     stops = [0.0, 45.0, 90.0, 135.0, 180.0, 225.0, 270.0, 315.0]
     found = rests(stream(stops))
-    npt.assert_allclose(folded(np.array([rest.heading_deg for rest in found]) - stops), 0.0, atol=0.25)
+    npt.assert_allclose(wrap_180(np.array([rest.heading_deg for rest in found]) - stops), 0.0, atol=0.25)
     assert all(0.3 < rest.spread_deg < 0.7 for rest in found)
     assert all(rest.stop - rest.start > 200 for rest in found)
 
@@ -270,7 +270,7 @@ def test_soft_iron_alone_passes_the_half_turn_test() -> None:
 
 
 def test_angles_are_shown_as_navigators_write_them() -> None:
-    assert [shown_heading(angle) for angle in (0.04, 359.97, -5.0, 123.456, float("nan"))] == [
+    assert [heading_text(angle) for angle in (0.04, 359.97, -5.0, 123.456, float("nan"))] == [
         "000.0°", "000.0°", "355.0°", "123.5°", "?",
     ]  # fmt: skip
     assert np.isnan(mean_deg([0.0, 180.0]))

@@ -25,7 +25,7 @@ from tests.sentences import assert_sentences
 from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
 from flinders.fitting.fit_file import load
-from flinders.geometry.angles import folded
+from flinders.geometry.angles import wrap_180
 from flinders.heading.error_propagation import deviation_covariance
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ def test_card_and_curve_are_written(home: Path) -> None:
     card = Ended(0, (home / "card.csv").read_text(encoding="utf-8"), "").columns
     assert list(card) == ["compass_deg", "deviation_deg", "sigma_deg", "magnetic_deg"]
     assert len(card["compass_deg"]) == 36
-    npt.assert_allclose(folded(card["compass_deg"] + card["deviation_deg"] - card["magnetic_deg"]), 0.0, atol=2e-3)
+    npt.assert_allclose(wrap_180(card["compass_deg"] + card["deviation_deg"] - card["magnetic_deg"]), 0.0, atol=2e-3)
     assert (home / "curve.svg").read_text(encoding="utf-8").count("<circle") == 8
     again = flinders_("swing", "swing.csv", "-o", "card.csv")
     assert again.code == 6

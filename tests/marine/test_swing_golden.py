@@ -11,7 +11,7 @@ from tests.sentences import assert_sentences
 
 from flinders.apps.marine.deviation import fit
 from flinders.apps.marine.swing_pages import card
-from flinders.geometry.angles import folded
+from flinders.geometry.angles import wrap_180
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -59,5 +59,5 @@ def test_a_swing_of_a_boat(tmp_path: Path, golden: Golden) -> None:
 
 def test_the_card_as_a_table(golden: Golden) -> None:
     around = np.arange(0.0, 360.0, 30.0)
-    found = fit(around, folded(2.0 * np.sin(np.deg2rad(around)) - 1.0), sigma_deg=0.5)
+    found = fit(around, wrap_180(2.0 * np.sin(np.deg2rad(around)) - 1.0), sigma_deg=0.5)
     golden("cli/swing-card.csv", card(found, 45.0))

@@ -17,9 +17,9 @@ import flinders
 from flinders.apps.marine import nmea0183, nmea2000, signalk
 from flinders.apps.marine.compass_log import read_compass_log
 from flinders.apps.marine.deviation import Deviation, fit
-from flinders.apps.marine.legs import LoggedSwing, legs, turning
+from flinders.apps.marine.legs import LoggedSwing, legs, turn_readings
 from flinders.errors import FitError, NoMagnetometer, UnreadableInput
-from flinders.geometry.angles import folded
+from flinders.geometry.angles import wrap_180
 
 if TYPE_CHECKING:
     from tests.trials import Choose
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 def curve_of(swing: LoggedSwing) -> Deviation:
     """As the command fits it."""
-    return fit(swing.compass_deg, swing.deviation_deg, sigma_deg=swing.sigma_deg).widened(swing.common_covariance)
+    return fit(swing.compass_deg, swing.deviation_deg, sigma_deg=swing.sigma_deg).widen(swing.common_covariance)
 
 
 def scores(curve: Deviation) -> Floats:
@@ -71,7 +71,7 @@ def test_turns_with_a_lag_give_the_deviation_as_claimed(is_both: bool, trials: C
     for seed in claim.seeds:
         rng = np.random.default_rng(seed)
         boat = Boat.sail(circles(is_both=is_both), rng, step=0.5, lag=float(abs(rng.normal(0.0, 1.0))))
-        curve = curve_of(turning(boat.time, boat.compass, boat.heading))
+        curve = curve_of(turn_readings(boat.time, boat.compass, boat.heading))
         found.append(scores(curve))
         assert curve.sigmas_deg is not None
         sigmas.append(curve.sigmas_deg[0])
@@ -97,7 +97,7 @@ def test_few_or_slow_legs_are_refused() -> None:
     with assert_raises(FitError, found=0, needed=5):
         legs(boat.time, boat.compass, boat.course, boat.speed, is_course=True, slowest=9.0)
     with assert_raises(FitError, found=3, needed=5):
-        turning(boat.time[:10], boat.compass[:10], boat.heading[:10])
+        turn_readings(boat.time[:10], boat.compass[:10], boat.heading[:10])
 
 
 # files
@@ -248,7 +248,7 @@ def test_folded_courses_cross_north_without_a_jump() -> None:
     rng = np.random.default_rng(5)
     boat = Boat.sail(octagon() - 3.0, rng)
     swing = legs(boat.time, boat.compass, boat.course, boat.speed, is_course=True)
-    npt.assert_array_less(np.abs(folded(swing.deviation_deg)), 12.0)
+    npt.assert_array_less(np.abs(wrap_180(swing.deviation_deg)), 12.0)
 
 
 def test_a_log_without_readings_is_named_where_readings_are_asked_for(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from flinders.apps.marine.certificate import certificate
 from flinders.apps.marine.compensation import compensation
 from flinders.apps.marine.deviation import common_error, conformity, fit
 from flinders.apps.marine.standards import STANDARDS
-from flinders.apps.marine.swing_notes import COMPENSATE, READ_BETTER
+from flinders.apps.marine.swing_notes import COMPENSATION_ADVICE, READING_ADVICE
 from flinders.apps.marine.swing_pages import of_swing
 from flinders.apps.marine.swing_result import Swing
 from flinders.apps.marine.swing_words import SwingAccount
@@ -92,13 +92,13 @@ def test_a_curve_within_a_limit_is_so_with_two_standard_deviations_to_spare(tria
 def test_the_error_of_the_base_is_one_of_a_and_in_every_uncertainty() -> None:
     around = np.arange(0.0, 360.0, 30.0)
     swing = fit(around, np.zeros(12), sigma_deg=0.5)
-    wider = swing.widened(common_error(1.0))
+    wider = swing.widen(common_error(1.0))
     own, all_of_it = swing.sigma_at(around), wider.sigma_at(around)
     assert own is not None
     assert all_of_it is not None
     npt.assert_allclose(all_of_it**2, own**2 + 1.0)
     five = fit(around[:5] * 2.4, np.arange(5.0))
-    assert five.widened(common_error(1.0)) is five
+    assert five.widen(common_error(1.0)) is five
 
 
 def test_uncertainties_with_the_error_of_a_base_are_true(trials: Choose) -> None:
@@ -106,7 +106,7 @@ def test_uncertainties_with_the_error_of_a_base_are_true(trials: Choose) -> None
     claim, rng, around = trials(1000, 200), np.random.default_rng(8), np.arange(0.0, 360.0, 45.0)
     scores = []
     for draw in rng.standard_normal((claim.count, 9)):
-        curve = fit(around, 0.5 * draw[0] + 0.4 * draw[1:], sigma_deg=0.4).widened(common_error(0.5))
+        curve = fit(around, 0.5 * draw[0] + 0.4 * draw[1:], sigma_deg=0.4).widen(common_error(0.5))
         assert curve.sigmas_deg is not None
         scores.append(curve.coefficients_deg / curve.sigmas_deg)
     npt.assert_allclose(np.mean(np.square(scores), axis=0), 0.9, atol=0.2 * claim.widening)
@@ -232,7 +232,7 @@ def test_a_certificate_says_what_the_terminal_says(name: str) -> None:
     cells += [cell for row in said_of.card(deviation) for cell in (row.heading, row.deviation, row.sigma)]
     for cell in (*(one.title for one in said_of.statements), *cells):
         assert all(cell.casefold().strip() in page for page in pages), cell
-    for advice in (READ_BETTER, COMPENSATE):
+    for advice in (READING_ADVICE, COMPENSATION_ADVICE):
         assert all(page.count(advice) <= 1 for page in pages), advice
 
 

@@ -17,11 +17,19 @@ from flinders.readers._clock import seconds_of
 from flinders.readers._header import _with_sensors
 from flinders.readers._instruments import polarities
 from flinders.readers._likeness import ColumnGroup, advice, likeness
-from flinders.readers._names import Meaning, kind_of_chip, label, meaning, no_readings, sensor_name, tells_nothing
+from flinders.readers._names import (
+    Meaning,
+    is_inconclusive,
+    kind_of_chip,
+    kind_of_no_readings,
+    label,
+    meaning,
+    sensor_name,
+)
 from flinders.readers._refusals import ranges
-from flinders.readers._times import cut_digits
-from flinders.readers._tokenizer import cut, like, names_of, pattern_of
-from flinders.readers.dialects.json_records import flat
+from flinders.readers._times import reason_of_missing_digits
+from flinders.readers._tokenizer import compile_pattern, names_of, pattern_of, split_line
+from flinders.readers.dialects.json_records import flatten
 from flinders.readers.dialects.wrapped import STAMP
 
 if TYPE_CHECKING:
@@ -39,7 +47,7 @@ def test_columns_of_single_motors_are_recognised() -> None:
 
 @pytest.mark.parametrize(("name", "is_open"), [("ch4", True), ("x", True), ("acc_x", False), ("gps_lat", False)])
 def test_a_name_that_says_nothing_may_be_an_axis(name: str, is_open: bool) -> None:
-    assert tells_nothing(name) == is_open
+    assert is_inconclusive(name) == is_open
 
 
 @pytest.mark.parametrize(
@@ -68,7 +76,7 @@ def test_a_chip_tells_what_it_measures_where_that_is_one_thing() -> None:
 
 def test_references_and_directions_are_no_readings() -> None:
     names = ("mag_x_wmm2025", "magNedX", "mag_unit_x", "unit2_mag_x")
-    assert_sentences(tuple(map(no_readings, names)))
+    assert_sentences(tuple(map(kind_of_no_readings, names)))
 
 
 @pytest.mark.parametrize(
@@ -106,8 +114,8 @@ def test_ranges_of_nameless_columns_are_listed() -> None:
 
 def test_a_time_cut_to_float32_is_not_a_buffer_of_readings() -> None:
     times = np.repeat([1732190000.0, 1732190128.0, 1732190256.0], 60)
-    assert_sentences(cut_digits(times.astype(np.float32).astype(float), "s"))
-    assert cut_digits(np.repeat([0.000, 0.320, 0.641, 0.960], 32), "s") == ""  # a buffer of 32
+    assert_sentences(reason_of_missing_digits(times.astype(np.float32).astype(float), "s"))
+    assert reason_of_missing_digits(np.repeat([0.000, 0.320, 0.641, 0.960], 32), "s") == ""  # a buffer of 32
 
 
 def test_gravity_is_known_by_its_length_and_a_magnetometer_is_not() -> None:
@@ -126,7 +134,7 @@ def test_advice_has_a_hint_for_the_columns_that_may_be_a_magnetometer() -> None:
 
 
 def test_lines_with_the_same_gaps_have_their_numbers_found_at_once() -> None:
-    match = like(cut("X: 1 Y: -2 uT")[1]).fullmatch("X:  10.5 \tY: 3 uT")
+    match = compile_pattern(split_line("X: 1 Y: -2 uT")[1]).fullmatch("X:  10.5 \tY: 3 uT")
     assert match is not None
     assert match.groups() == ("10.5", "3")
 
@@ -141,19 +149,19 @@ def test_a_line_is_written_as_the_pattern_of_lines_like_it() -> None:
 
 
 def test_numbers_behind_one_label_are_its_axes() -> None:
-    assert names_of(cut("A: 12 -3 8190 M: 217 4 -586")[1]) == ("A x", "A y", "A z", "M x", "M y", "M z")
-    assert names_of(cut("Heading: 123.4 X: 1 Y: 2 Z: 3")[1]) == ("Heading", "X", "Y", "Z")
+    assert names_of(split_line("A: 12 -3 8190 M: 217 4 -586")[1]) == ("A x", "A y", "A z", "M x", "M y", "M z")
+    assert names_of(split_line("Heading: 123.4 X: 1 Y: 2 Z: 3")[1]) == ("Heading", "X", "Y", "Z")
 
 
 def test_words_of_registers_are_signed_and_stamps_count_from_midnight() -> None:
-    assert cut("0xFF38 0x0010")[0] == ["-200", "16"]
+    assert split_line("0xFF38 0x0010")[0] == ["-200", "16"]
     stamp = STAMP.match("14:03:00.250 -> X: 1")
     assert stamp is not None
     assert seconds_of(stamp) == 50580.25
 
 
 def test_keys_inside_objects_get_dots() -> None:
-    assert flat({"t": 1, "mag": {"x": 2, "y": [3]}}) == {"t": 1, "mag.x": 2, "mag.y.0": 3}
+    assert flatten({"t": 1, "mag": {"x": 2, "y": [3]}}) == {"t": 1, "mag.x": 2, "mag.y.0": 3}
 
 
 # pairs of readings after a set and a reset pulse

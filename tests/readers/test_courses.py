@@ -16,7 +16,7 @@ from flinders.core.samples import Samples
 from flinders.errors import FitError, UsageError
 from flinders.fitting.known_heading import refresh_on_courses, stretches
 from flinders.fitting.result import Fit, Refused
-from flinders.geometry.ellipsoid import Ellipsoid, upper
+from flinders.geometry.ellipsoid import Ellipsoid, upper_entries
 from flinders.heading.error_propagation import level_error
 from flinders.readers._resample import TimeSeries
 
@@ -64,7 +64,8 @@ def error_deg(fit: Fit, sensor: Sensor) -> float:
     """Error of a level heading, rms over all headings."""
     truth = Ellipsoid(sensor.offset, FIELD_UT * sensor.matrix)
     off = np.append(
-        fit.calibration.ellipsoid.centre - truth.centre, upper(fit.calibration.ellipsoid.shape) - upper(truth.shape)
+        fit.calibration.ellipsoid.centre - truth.centre,
+        upper_entries(fit.calibration.ellipsoid.shape) - upper_entries(truth.shape),
     )
     return level_error(truth, np.outer(off, off), dip_deg=DIP_DEG).rms
 

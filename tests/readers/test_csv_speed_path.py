@@ -16,7 +16,7 @@ from tests.trials import examples
 from flinders.errors import FlindersError
 from flinders.readers import TextRecording, _grid, _lines, _source, open_recording, read, text
 from flinders.readers._grid import Grid, parser_of, rows_of
-from flinders.readers._lines import CUT_OFF, Lines
+from flinders.readers._lines import CUT_MARK, Lines
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -44,7 +44,7 @@ odd = st.sampled_from([
     "", " ", "nan", "NaN", "-nan", "na", "N/A", "null", "inf", "-Infinity", "1e999", "+1", "+-1", "--1", "-", ".", "e",
     "1e", "1e+05", "1_000", "1.2.3", "0x10", "1d5", "nan(1)", "nan()", "(1)", "1 2", " 1 ", "\t1", "1\xa0", "\xb9",
     "$1", "1,5", "1.5", "1'000", "'1'", '"1"', '"1,5"', "1\x00", "1\x0b", "1\x1c", "\ufeff1", "\N{MINUS SIGN}1",
-    "\ufffd", "\N{ARABIC-INDIC DIGIT ONE}", "oops", CUT_OFF,
+    "\ufffd", "\N{ARABIC-INDIC DIGIT ONE}", "oops", CUT_MARK,
 ])  # fmt: skip
 """What else stands in cells."""
 cells = st.one_of(plain, plain, plain, odd)
@@ -104,8 +104,8 @@ def everything(path: Path) -> object:
 @pytest.fixture
 def by_few(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make blocks of a few lines."""
-    monkeypatch.setattr(_lines, "BLOCK", FEW)
-    monkeypatch.setattr("flinders.readers.text.BLOCK", FEW)
+    monkeypatch.setattr(_lines, "BLOCK_ROWS", FEW)
+    monkeypatch.setattr("flinders.readers.text.BLOCK_ROWS", FEW)
     monkeypatch.setattr(_source, "lines_of", partial(_lines.lines_of, least=FEW))
 
 
@@ -126,9 +126,9 @@ def test_a_file_reads_the_same_with_and_without_pyarrow(tmp_path: Path, content:
     path = tmp_path / "log.csv"
     path.write_bytes(content)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(text, "LEAST_FOR_ARROW", NEVER)
+        patch.setattr(text, "MIN_BYTES_FOR_ARROW", NEVER)
         plainly = everything(path)
-        patch.setattr(text, "LEAST_FOR_ARROW", 0)
+        patch.setattr(text, "MIN_BYTES_FOR_ARROW", 0)
         assert everything(path) == plainly
 
 
@@ -172,7 +172,7 @@ def test_numbers_as_programs_write_them_are_given(lines: list[str]) -> None:
         "1,2,1_0",
         "1,2,+-3",
         "# 1,2,3",
-        f"1,2,3{CUT_OFF}",
+        f"1,2,3{CUT_MARK}",
         "1,2,\N{MINUS SIGN}3",
         "1,2,null",
         "1,2,1 000",
@@ -221,7 +221,7 @@ def test_large_files_take_the_fast_path_and_small_ones_do_not(tmp_path: Path, mo
     monkeypatch.setattr(text, "parser_of", watched)
     npt.assert_array_equal(read(path).field, values)
     assert given == []
-    monkeypatch.setattr(text, "LEAST_FOR_ARROW", path.stat().st_size)
+    monkeypatch.setattr(text, "MIN_BYTES_FOR_ARROW", path.stat().st_size)
     npt.assert_array_equal(read(path).field, values)
     assert given == [11_809]  # the first 8192 lines hold the header
     monkeypatch.setitem(sys.modules, "pyarrow.csv", None)
@@ -245,9 +245,9 @@ def test_real_recordings_read_the_same(recordings: Callable[[str], Path], tmp_pa
     path = tmp_path / "log.csv"
     path.write_bytes(b"".join(recordings(name).read_bytes().splitlines(keepends=True)[:1000]))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(text, "LEAST_FOR_ARROW", 0)
+        patch.setattr(text, "MIN_BYTES_FOR_ARROW", 0)
         fast = read(path)
-        patch.setattr(text, "LEAST_FOR_ARROW", NEVER)
+        patch.setattr(text, "MIN_BYTES_FOR_ARROW", NEVER)
         plainly = read(path)
     npt.assert_array_equal(fast.field, plainly.field)
     assert fast.skipped == plainly.skipped

@@ -206,8 +206,8 @@ def _packed(path: Path, chunk: int) -> Path:
 def test_a_packed_table_of_text_is_weighed_before_most_of_it_is_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(files, "LARGE", 1 << 19)
-    monkeypatch.setattr(files, "MOST_RATIO", 20)
+    monkeypatch.setattr(files, "MIN_RATIO_BYTES", 1 << 19)
+    monkeypatch.setattr(files, "MAX_RATIO", 20)
     path = tmp_path / "bomb.csv.gz"
     path.write_bytes(gzip.compress(b"x,y,z\n" + b"1,2,3\n" * 1_000_000))
     recording = flinders.open_recording(path, unit="uT")

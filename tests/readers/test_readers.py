@@ -286,7 +286,7 @@ def test_a_gzip_bomb_is_refused_while_it_is_unpacked(tmp_path: Path) -> None:
 
 
 def test_a_gzip_bomb_of_text_is_refused_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(files, "LARGE", 1 << 20)
+    monkeypatch.setattr(files, "MIN_RATIO_BYTES", 1 << 20)
     bomb = tmp_path / "bomb.csv.gz"
     bomb.write_bytes(gzip.compress(b"1,2,3\n" * 400_000))
     with assert_raises(UnreadableInput, numbers=False):

@@ -24,7 +24,7 @@ from tests.sentences import assert_raises, assert_sentences
 from tests.trials import daily, nightly
 
 from flinders.core.joining import Joined
-from flinders.core.samples import BLOCK
+from flinders.core.samples import BLOCK_ROWS
 from flinders.errors import AxesError, NoMagnetometer, UnitError, UnreadableInput, UsageError
 from flinders.readers import TextRecording, open_recording, read, registry
 
@@ -310,12 +310,12 @@ def test_the_description_says_what_was_recognised(written: Callable[..., Path]) 
 
 
 def test_blocks_are_bounded_and_come_again(written: Callable[..., Path]) -> None:
-    """Twice the same blocks, none longer than `BLOCK`, with what was skipped in each."""
-    rows = [f"{row},{row + 1},{row + 2}" for row in range(3 * BLOCK)]
-    rows[5], rows[BLOCK + 7] = "nan,1,2", "what?"
+    """Twice the same blocks, none longer than `BLOCK_ROWS`, with what was skipped in each."""
+    rows = [f"{row},{row + 1},{row + 2}" for row in range(3 * BLOCK_ROWS)]
+    rows[5], rows[BLOCK_ROWS + 7] = "nan,1,2", "what?"
     recording = opened(written("\n".join(rows)))
     first, second = list(recording.blocks()), list(recording.blocks())
-    assert [len(block) for block in first] == [BLOCK - 1, BLOCK - 1, BLOCK]
+    assert [len(block) for block in first] == [BLOCK_ROWS - 1, BLOCK_ROWS - 1, BLOCK_ROWS]
     npt.assert_array_equal(
         np.concatenate([block.field for block in first]), np.concatenate([block.field for block in second])
     )
@@ -351,7 +351,7 @@ def test_a_line_without_end_takes_bounded_memory(written: Callable[..., Path]) -
 def test_progress_is_called_once_a_block(written: Callable[..., Path]) -> None:
     """With bytes done and bytes there are; at the end they are equal."""
     calls: list[tuple[int, int | None]] = []
-    path = written("1,2,3\n" * (2 * BLOCK + 1))
+    path = written("1,2,3\n" * (2 * BLOCK_ROWS + 1))
     recording = opened(path, progress=lambda done, total: calls.append((done, total)))
     assert calls == []
     blocks = len(list(recording.blocks()))
@@ -549,7 +549,7 @@ def test_units_below_the_header_hold_for_what_stands_beside(written: Callable[..
 
 def test_json_above_the_limit_is_refused(written: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:
     """A whole document is held in memory, so its size is bounded; JSON lines are not."""
-    monkeypatch.setattr("flinders.readers.dialects.json_records.LARGEST", 1 << 20)
+    monkeypatch.setattr("flinders.readers.dialects.json_records.MAX_DOCUMENT_BYTES", 1 << 20)
     triples = [[-row, row, -1 - row] for row in range(50_000)]
     with assert_raises(UnreadableInput):
         open_recording(written(json.dumps(triples), "big.json"))

@@ -30,7 +30,7 @@ from flinders.fitting import calibrate
 from flinders.fitting.fit_file import fit_from, load
 from flinders.fitting.result import Fit, Refused, bare_fit, document_of, with_calibration
 from flinders.geometry.rotation import rotations
-from flinders.geometry.sphere import tile_of, tiles
+from flinders.geometry.sphere import tile_indices, tiles
 from flinders.likelihood.site_field import Site
 from flinders.report import modules
 from flinders.report.figure_data import FigureData
@@ -228,7 +228,7 @@ def test_a_report_of_linearized_axes_gives_their_terms_and_offers_code_alone() -
 
 
 def test_modules_are_joined_and_nothing_of_their_imports_is_left() -> None:
-    text = modules.joined()
+    text = modules.join_modules()
     assert "const m0 = (() => {" in text
     assert not re.search(r"^(?:import|export)\b", text, re.MULTILINE)
     assert len(re.findall(r"^const m\d+ = ", text, re.MULTILINE)) >= 9
@@ -239,7 +239,7 @@ def test_modules_are_joined_and_nothing_of_their_imports_is_left() -> None:
 )
 def test_a_module_in_another_form_is_refused(line: str) -> None:
     with assert_raises(modules.NotJoined):
-        modules._wrapped("m0", f"{line}\n", {})
+        modules._wrap_module("m0", f"{line}\n", {})
 
 
 def test_a_report_without_the_bundle_has_all_but_the_view(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -251,7 +251,7 @@ def test_a_report_without_the_bundle_has_all_but_the_view(monkeypatch: pytest.Mo
         return whole(path)
 
     monkeypatch.setattr(modules, "asset", without)
-    modules.joined.cache_clear()
+    modules.join_modules.cache_clear()
     text = page(*fitted())
     assert 'id="scene"' not in text
     assert "theming" in text
@@ -318,7 +318,7 @@ def test_what_is_known_of_z_at_a_level_turn_is_told_of_the_file_as_of_the_fit(kn
 
 def test_what_belongs_to_the_direction_is_found_in_the_file_again() -> None:
     fit, samples = fitted()
-    error = fit.heading_error_deg.combined(0.7)
+    error = fit.heading_error_deg.add_independent(0.7)
     bent = replace(fit, claim=replace(fit.claim, structure_deg=0.7, heading_error_deg=error))
     again = restore(samples, fit_from(document_of(bent))).fit
     assert again.claim.structure_deg == 0.7
@@ -433,7 +433,7 @@ def test_the_path_of_an_offset_is_drawn_for_the_axes_that_were_seen() -> None:
     for motion, axes in (("hand", "xyz"), ("level", "xy")):
         fit, samples = fitted(motion)
         drawn = FigureData.of(fit, samples)
-        walk = drawn.walk(fit)
+        walk = drawn.random_walk(fit)
         assert walk is not None
         figure = offset_over_time(walk, drawn.unit, drawn.plane)
         assert [axis for axis in "xyz" if f">{axis}, µT<" in figure] == list(axes)
@@ -447,7 +447,7 @@ def test_the_map_is_in_the_axes_of_corrected_readings() -> None:
     matrix = turn @ fit.calibration.matrix
     turned = with_calibration(fit, replace(fit.calibration, matrix=matrix, rotation="estimated"))
     errors, moved = tile_errors_deg(fit), tile_errors_deg(turned)
-    there = tile_of(tiles().centres @ turn)
+    there = tile_indices(tiles().centres @ turn)
     npt.assert_allclose(moved, errors[there], rtol=0.25)
     assert np.abs(moved - errors).max() > 4.0 * np.abs(moved - errors[there]).max(), (
         "or the turn is too small to be told"

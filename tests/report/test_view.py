@@ -17,7 +17,7 @@ from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.fitting import calibrate
 from flinders.fitting.result import Fit, Refused
-from flinders.geometry.sphere import tile_of, tiles
+from flinders.geometry.sphere import tile_indices, tiles
 from flinders.likelihood.site_field import Site
 from flinders.report.view import matrix_sigma, tile_errors_deg, view
 
@@ -101,7 +101,7 @@ def test_a_tile_is_at_least_as_bad_as_a_level_heading_through_it() -> None:
     assert errors.max() > 2.0 * fit.heading_error_deg.worst  # upside down nothing was seen
     level = np.stack([np.cos(DIP) * np.cos(a) for a in np.arange(0, 6.28, 0.1)])
     turn = np.stack([level, -np.cos(DIP) * np.sin(np.arange(0, 6.28, 0.1)), np.full(len(level), np.sin(DIP))], axis=1)
-    assert errors[tile_of(turn)].max() > 0.9 * fit.heading_error_deg.worst
+    assert errors[tile_indices(turn)].max() > 0.9 * fit.heading_error_deg.worst
 
 
 def test_structure_is_in_every_tile() -> None:

@@ -17,7 +17,7 @@ from tests.service.test_watch import POSIX, program
 from tests.waiting import wait_until
 
 from flinders import OnlineCalibration
-from flinders.apps.service.simulate_boat import BEGINS_S, MOVED_UT, boat
+from flinders.apps.service.simulate_boat import BEGINS_S, MOVE_UT, boat
 from flinders.cli import main
 from flinders.errors import UsageError
 
@@ -43,7 +43,7 @@ def test_readings_are_those_of_the_true_offset() -> None:
     assert (shift[-1] == 0.0).all()
     moved = next(event for event in life.events if event.kind == "moved")
     row = int(np.searchsorted(time, moved.begin_s))
-    assert np.linalg.norm(shift[row] - shift[row - 1]) == pytest.approx(MOVED_UT, abs=0.01)
+    assert np.linalg.norm(shift[row] - shift[row - 1]) == pytest.approx(MOVE_UT, abs=0.01)
 
 
 def test_a_seed_gives_the_same_days_and_a_longer_life_begins_alike() -> None:

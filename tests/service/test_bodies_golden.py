@@ -27,7 +27,7 @@ from flinders.apps.service import simulate_boat
 from flinders.apps.service.sources import of_wire
 from flinders.cli import main
 from flinders.fitting.fit_file import load
-from flinders.links.transports import opened_lines
+from flinders.links.transports import open_lines
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -116,7 +116,7 @@ def test_commands_that_need_a_device_have_the_options_that_they_name(page: Path)
 
 def test_lines_that_a_robot_sends_are_readings(monkeypatch: pytest.MonkeyPatch) -> None:
     port = free_port()
-    source = of_wire(opened_lines(port=None, baud=0, udp=port, tcp=None), None)
+    source = of_wire(open_lines(port=None, baud=0, udp=port, tcp=None), None)
     sends: dict[str, Any] = {}
     exec(script("robot.md", "def on_reading").replace(str(PORT), str(port)), sends)
     for row in range(60):

@@ -8,7 +8,7 @@ from hypothesis import strategies as some
 from tests.sentences import assert_sentences
 from tests.trials import examples
 
-from flinders.apps.service.clocks import APART_S, MachineClock, RecordedClock
+from flinders.apps.service.clocks import MAX_CLOCK_DIFFERENCE_S, MachineClock, RecordedClock
 
 
 class Machine:
@@ -79,7 +79,7 @@ def test_the_time_of_a_machine_never_goes_back(steps: list[tuple[float, float, f
         times = clock.of(own + np.array([0.0, 0.02, -0.5, 0.1]))
         assert times[0] >= last
         assert (np.diff(times) >= 0.0).all()
-        assert times[-1] <= clock.now + APART_S
+        assert times[-1] <= clock.now + MAX_CLOCK_DIFFERENCE_S
         last = times[-1]
 
 

@@ -11,10 +11,10 @@ from tests.sentences import assert_sentences
 from tests.service.test_watch import MOVED, driven
 
 from flinders import Calibration, OnlineCalibration
-from flinders.apps.service.handover import LOOK_S, Handover
+from flinders.apps.service.handover import CHECK_PERIOD_S, Handover
 from flinders.errors import NotConfirmed, NotSent
 from flinders.links.recipients import Recipient
-from flinders.workflows.online_events import DOING
+from flinders.workflows.online_events import ACTIVITIES
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -76,16 +76,16 @@ class Desk:
     """A board, a calibration, and what hands it over."""
 
     def __init__(self, online: OnlineCalibration, folder: Path, **more: Any) -> None:
-        self.online, self.folder, self.clock = online, folder, Clock()
+        self.make_online, self.folder, self.clock = online, folder, Clock()
         self.board = Board(Calibration.identity(field_strength=50.0), **more)
         self.handover = self.anew()
 
     def anew(self) -> Handover:
         return Handover(self.board, str(self.folder), interval_s=HOUR_S, clock=self.clock)
 
-    def look(self, after: float = LOOK_S) -> tuple[str, str] | None:
+    def look(self, after: float = CHECK_PERIOD_S) -> tuple[str, str] | None:
         self.clock.now += after
-        return self.handover.look(self.online, self.online.time_s)
+        return self.handover.send_if_due(self.make_online, self.make_online.time_s)
 
 
 def test_what_is_better_is_sent_once_and_what_was_before_is_kept(online: OnlineCalibration, tmp_path: Path) -> None:
@@ -120,9 +120,9 @@ def test_it_is_sent_no_more_often_than_each_hour_also_when_started_again(
 
 def test_nothing_is_sent_while_it_is_disturbed(online: OnlineCalibration, tmp_path: Path) -> None:
     desk = Desk(online, tmp_path)
-    online._record["state"] = DOING.index("disturbed")
+    online._record["state"] = ACTIVITIES.index("disturbed")
     assert desk.look() is None
-    online._record["state"] = DOING.index("undisturbed")
+    online._record["state"] = ACTIVITIES.index("undisturbed")
     assert (desk.look() or ("",))[0] == "sent"
 
 
@@ -155,7 +155,7 @@ def test_what_is_on_board_and_as_good_stays(online: OnlineCalibration, tmp_path:
     c = online.calibration
     desk.board.held = Calibration(1.2 * c.matrix, c.offset + 0.01, 1.2 * c.field_strength)
     assert desk.look() is None
-    assert desk.handover.look(OnlineCalibration(), 0.0) is None
+    assert desk.handover.send_if_due(OnlineCalibration(), 0.0) is None
 
 
 def test_where_nobody_knows_what_is_on_board_it_has_to_be_within_the_target(
@@ -163,8 +163,8 @@ def test_where_nobody_knows_what_is_on_board_it_has_to_be_within_the_target(
 ) -> None:
     desk = Desk(online, tmp_path, is_told=False)
     later = online.time_s + 7 * 86400.0
-    desk.clock.now += LOOK_S
-    assert desk.handover.look(online, later) is None
+    desk.clock.now += CHECK_PERIOD_S
+    assert desk.handover.send_if_due(online, later) is None
     assert (desk.look() or ("",))[0] == "sent"
 
 

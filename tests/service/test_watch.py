@@ -30,12 +30,12 @@ from tests.worlds import walked_days
 
 from flinders import OnlineCalibration, Samples
 from flinders.apps.service.sources import Source, of_recordings, of_wire
-from flinders.apps.service.watching import Begun, Files, Watch
+from flinders.apps.service.watching import Files, InitialSettings, Watch
 from flinders.core.offset_walk import Walk
 from flinders.errors import OutputError
 from flinders.fitting.fit_file import load
 from flinders.links.feeds import FeedEvent
-from flinders.links.transports import Scripted
+from flinders.links.transports import ScriptedSource
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -356,7 +356,7 @@ def test_an_earlier_history_tells_how_the_offset_walks(monkeypatch: pytest.Monke
     Watch(of_recordings([samples]), files=Files("old.state", "adopted"), every=600.0, tell=told.append).run()
     Path("lines").write_text("".join(f"{json.dumps(report.as_dict())}\n" for report in told))
     known: list[Walk | float | None] = []
-    monkeypatch.setattr(Begun, "calibration", _noting(known, Begun.calibration))
+    monkeypatch.setattr(InitialSettings, "calibration", _noting(known, InitialSettings.calibration))
     for history in ("old.state", "adopted", "lines"):
         ended = flinders_("watch", "--replay", "short.csv", "--history", history)
         assert_sentences(ended.said)
@@ -383,7 +383,7 @@ def test_an_earlier_history_tells_how_the_offset_walks(monkeypatch: pytest.Monke
 
 
 def _noting(known: list[Walk | float | None], begin: Any) -> Any:  # noqa: ANN401 - a method
-    def calibration(begun: Begun, *unit: Any) -> OnlineCalibration:
+    def calibration(begun: InitialSettings, *unit: Any) -> OnlineCalibration:
         known.append(begun.walk)
         return begin(begun, *unit)  # type: ignore[no-any-return]
 
@@ -637,7 +637,7 @@ def test_a_live_source_is_on_the_time_of_this_machine_and_says_when_it_is_quiet(
     now = [0.0]
     told: list[Report] = []
     rows = [f"X: {x:.2f} Y: {y:.2f} Z: {z:.2f} uT\n".encode() for x, y, z in DRIVE[1][:40].tolist()]
-    wire = Scripted([b"".join(rows)])
+    wire = ScriptedSource([b"".join(rows)])
     source = of_wire(wire, None)
 
     def stopped() -> bool:

@@ -42,8 +42,8 @@ def test_random_numbers_of_sensors_and_motions_stay_as_they_are() -> None:
 
     draws = {
         "sensor": Sensor.random(rng()).offset,
-        "uniform": simulate.uniform(rng(), 500)[-1],
-        "clumped": simulate.clumped(rng(), 1250)[-1],
+        "uniform": simulate.uniform_directions(rng(), 500)[-1],
+        "clumped": simulate.clumped_directions(rng(), 1250)[-1],
         "tilted": simulate.tilted(rng(), 2000)[-1, 0],
         "level": simulate.level_turn(rng(), 1000)[-1, 0],
         "hand": simulate.hand_tumble(rng()).attitudes[-1, 0],
@@ -94,7 +94,7 @@ def test_the_rate_is_that_at_which_the_attitude_turns() -> None:
 def test_the_field_turns_against_the_rate() -> None:
     """dh/dt = −ω × h in body axes: what a gyro term relies on."""
     turning = simulate.hand_tumble(np.random.default_rng(9), seconds=4, rate_hz=1000)
-    seen = simulate.seen_from(turning.attitudes, simulate.north_and_down(60.0))
+    seen = simulate.in_body_axes(turning.attitudes, simulate.north_and_down(60.0))
     npt.assert_allclose(np.diff(seen, axis=0) * 1000, -np.cross(turning.rate, seen)[:-1], atol=0.05)
 
 
@@ -117,7 +117,7 @@ def test_the_angle_between_gravity_and_field_is_constant_whatever_the_attitude()
 def test_a_heading_turns_clockwise_seen_from_above() -> None:
     """ψ = atan2(−m_y, m_x): a body that has turned by 30° to the right of north says 30°."""
     attitude = simulate.turns([[0.0, 0.0, np.radians(30)]])
-    ((x, y, _),) = simulate.seen_from(attitude, simulate.north_and_down(60.0))
+    ((x, y, _),) = simulate.in_body_axes(attitude, simulate.north_and_down(60.0))
     assert np.degrees(np.arctan2(-y, x)) == pytest.approx(30)
 
 

@@ -368,7 +368,7 @@ def test_a_file_that_is_no_truth_is_refused_with_what_is_wrong(text: str) -> Non
 def test_a_truth_that_is_not_there_or_too_large_is_refused(tmp_path: Path) -> None:
     with assert_raises(UnreadableInput):
         truth.read(tmp_path / "none.json")
-    (tmp_path / "large.json").write_bytes(b" " * (truth.LARGEST + 1))
+    (tmp_path / "large.json").write_bytes(b" " * (truth.MAX_BYTES + 1))
     with assert_raises(UnreadableInput):
         truth.read(tmp_path / "large.json")
 

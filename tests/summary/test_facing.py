@@ -35,10 +35,10 @@ def test_a_vehicle_shows_which_way_up_it_is(motion: str, dip: float) -> None:
 def test_all_directions_leave_the_sign_as_it_was_given() -> None:
     directions = simulate.fibonacci(1000)
     for part, dip in ((directions, 60.0), (directions[directions[:, 2] < 0.9 * np.cos(directions[:, 0])], -70.0)):
-        assert engine().facing(Coverage.of(part).counts, dip) == (dip, False)
+        assert engine().signed_dip(Coverage.of(part).counts, dip) == (dip, False)
 
 
 @pytest.mark.parametrize(("top", "expected"), [(1.0, (60.0, False)), (0.2, (-60.0, True)), (-0.5, (-60.0, False))])
 def test_directions_that_lean_by_little_leave_the_sign_open(top: float, expected: tuple[float, bool]) -> None:
     directions = simulate.fibonacci(400)
-    assert engine().facing(Coverage.of(directions[directions[:, 2] < top]).counts, 60.0) == expected
+    assert engine().signed_dip(Coverage.of(directions[directions[:, 2] < top]).counts, 60.0) == expected

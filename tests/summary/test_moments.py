@@ -18,9 +18,9 @@ from tests.worlds import SOFT_IRON
 
 from flinders.estimators import Readings
 from flinders.estimators.consistent import Consistent
-from flinders.geometry.ellipsoid import Ellipsoid, symmetric
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric_matrix
 from flinders.native.engine import engine
-from flinders.simulate import uniform
+from flinders.simulate import uniform_directions
 from flinders.summary.moments import EXPONENTS, Moments
 from flinders.summary.summary import Summary
 
@@ -37,7 +37,11 @@ DIRECTION: Final = np.array([0.48, -0.6, 0.64])
 def counts(strengths: float) -> NDArray[np.int64]:
     """(N, 3) readings in whole counts, the hard iron so many field strengths away."""
     rng = np.random.default_rng(7)
-    raw = FIELD * uniform(rng, N) @ SOFT_IRON.T + strengths * FIELD * DIRECTION + 5.0 * rng.standard_normal((N, 3))
+    raw = (
+        FIELD * uniform_directions(rng, N) @ SOFT_IRON.T
+        + strengths * FIELD * DIRECTION
+        + 5.0 * rng.standard_normal((N, 3))
+    )
     readings: NDArray[np.int64] = np.rint(raw).astype(np.int64)
     return readings
 
@@ -74,7 +78,7 @@ def test_the_consistent_fit_is_that_of_exact_sums_to_a_ten_thousandth_of_its_unc
     moments = Moments.of(readings)
     origin, scale = np.rint(moments.mean).astype(np.int64), round(moments.spread)
     record = engine().solve(exact_moments(readings, origin, scale).sums, origin=origin, unit=scale)
-    exact = Ellipsoid(record["centre"], symmetric(record["shape"]))
+    exact = Ellipsoid(record["centre"], symmetric_matrix(record["shape"]))
     found = Consistent().estimate(Readings(Summary.of(readings)))
     sigma = np.sqrt(np.diag(found.covariance))
     off = np.abs(np.concatenate([found.ellipsoid.centre - exact.centre, (found.ellipsoid.shape - exact.shape).ravel()]))

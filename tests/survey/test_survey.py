@@ -18,14 +18,14 @@ import flinders
 from flinders.apps import survey
 from flinders.apps.survey.calibration import SurveyFit, check_shots, fit_survey
 from flinders.apps.survey.instrument import PROCEDURE, Shots, SurveyCalibration, pointing_angles
-from flinders.apps.survey.pointing_error import AZIMUTHS_DEG, INCLINATIONS_DEG, curved, posed
+from flinders.apps.survey.pointing_error import AZIMUTHS_DEG, INCLINATIONS_DEG, attitudes_of, invert_quadratic
 from flinders.apps.survey.simulate_shots import survey_shots, true_angles
 from flinders.apps.survey.targets import distox_coefficients, mag_cal_json, of_distox, of_mag_cal
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
 from flinders.errors import ArrayError, DocumentError, FitError, InputError, NotExportable, UnreadableInput, UsageError
-from flinders.geometry.angles import folded
+from flinders.geometry.angles import wrap_180
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -65,9 +65,9 @@ def topodroid(shots: Shots, *, grouped: bool = True) -> str:
 
 def test_azimuth_and_inclination_are_within_what_is_claimed() -> None:
     poses = product(range(0, 360, 45), (-30, 20), (0, 100))
-    attitudes = posed(*np.array(list(poses), float).T)
+    attitudes = attitudes_of(*np.array(list(poses), float).T)
     true, seen = true_angles(attitudes), fitted().calibration.angles(*simulated().read(attitudes))
-    assert np.abs(folded(seen.azimuth_deg - true.azimuth_deg)).max() < 4.0 * fitted().azimuth_error_deg.worst
+    assert np.abs(wrap_180(seen.azimuth_deg - true.azimuth_deg)).max() < 4.0 * fitted().azimuth_error_deg.worst
     assert np.abs(seen.inclination_deg - true.inclination_deg).max() < 4.0 * fitted().inclination_error_deg.worst
     assert fitted().verdict == "good"
     assert fitted().dip_deg == pytest.approx(63.0, abs=0.3)
@@ -87,7 +87,7 @@ def test_a_laser_along_another_axis_gives_the_same_angles(pointing: Pointing) ->
         shots, magnetic=to_own.apply(shots.magnetic), gravity=to_own.apply(shots.gravity), pointing=pointing
     )
     for one, other in zip(fit_survey(turned).shots.angles, fitted().shots.angles, strict=True):
-        npt.assert_allclose(folded(one - other), 0.0, atol=1e-6)
+        npt.assert_allclose(wrap_180(one - other), 0.0, atol=1e-6)
 
 
 def test_a_shot_that_contradicts_the_others_is_left_out_and_named() -> None:
@@ -119,7 +119,7 @@ def test_the_direction_to_shoot_next_lowers_the_error_as_is_said() -> None:
 
 def unrolled(shots: Shots) -> Shots:
     """One shot in each of 12 directions."""
-    attitudes = posed(PROCEDURE[:12, 0], PROCEDURE[:12, 1], np.linspace(0.0, 300.0, 12))
+    attitudes = attitudes_of(PROCEDURE[:12, 0], PROCEDURE[:12, 1], np.linspace(0.0, 300.0, 12))
     magnetic, gravity = simulated().read(attitudes)
     return replace(shots[np.arange(24) < 12], magnetic=magnetic, gravity=gravity, groups=None)
 
@@ -176,7 +176,7 @@ def test_coefficients_of_a_distox_do_what_its_firmware_calculates() -> None:
     back = of_distox(content).angles(shots.magnetic, shots.gravity)
     level = np.abs(back.inclination_deg) < 45.0
     there = calibration.angles(shots.magnetic, shots.gravity)
-    npt.assert_allclose(folded(back.azimuth_deg - there.azimuth_deg)[level], 0.0, atol=0.03)
+    npt.assert_allclose(wrap_180(back.azimuth_deg - there.azimuth_deg)[level], 0.0, atol=0.03)
 
 
 QUADRATIC: Final = (0.025, -0.012, 0.018)
@@ -185,7 +185,7 @@ QUADRATIC: Final = (0.025, -0.012, 0.018)
 
 def bent(shots: Shots, quadratic: tuple[float, float, float] = QUADRATIC) -> Shots:
     """As an accelerometer reads gravity that is curved so, axis by axis."""
-    return replace(shots, gravity=curved(shots.gravity, np.array(quadratic)))
+    return replace(shots, gravity=invert_quadratic(shots.gravity, np.array(quadratic)))
 
 
 @cache
@@ -216,12 +216,14 @@ def test_a_curved_accelerometer_is_calibrated_as_claimed(trials: Choose) -> None
         quadratic = np.random.default_rng([seed, 9]).uniform(-0.03, 0.03, 3)
         instrument = simulated(24, seed)
         fit = fit_survey(bent(instrument.shots, (*quadratic.tolist(),)), non_linear=True)
-        attitudes = posed(*(axis.ravel() for axis in np.meshgrid(AZIMUTHS_DEG, INCLINATIONS_DEG, [0.0, 120.0, 240.0])))
+        attitudes = attitudes_of(
+            *(axis.ravel() for axis in np.meshgrid(AZIMUTHS_DEG, INCLINATIONS_DEG, [0.0, 120.0, 240.0]))
+        )
         magnetic, gravity = instrument.read(attitudes)
-        seen, true = fit.calibration.angles(magnetic, curved(gravity, quadratic)), true_angles(attitudes)
+        seen, true = fit.calibration.angles(magnetic, invert_quadratic(gravity, quadratic)), true_angles(attitudes)
         off = np.stack([seen.azimuth_deg - true.azimuth_deg, seen.inclination_deg - true.inclination_deg])
         claims = [fit.azimuth_error_deg.rms, fit.inclination_error_deg.rms]
-        squares.append(np.mean(folded(off) ** 2, axis=1) / np.square(claims))
+        squares.append(np.mean(wrap_180(off) ** 2, axis=1) / np.square(claims))
     npt.assert_allclose(np.sqrt(np.mean(squares, axis=0)), 1.0, atol=min(0.2 * claim.widening, 0.5))
 
 
@@ -244,7 +246,7 @@ def test_quadratic_terms_stay_with_the_axes_of_the_accelerometer_and_in_its_file
     loaded = SurveyCalibration.load(tmp_path / "calibration.json")
     assert loaded.quadratic == fit.calibration.quadratic
     for one, other in zip(loaded.angles(turned.magnetic, turned.gravity), unbent().shots.angles, strict=True):
-        npt.assert_allclose(folded(one - other), 0.0, atol=1e-4)
+        npt.assert_allclose(wrap_180(one - other), 0.0, atol=1e-4)
 
 
 def test_numbers_too_large_for_a_distox_are_made_smaller_together() -> None:

@@ -18,8 +18,8 @@ import flinders
 from flinders.apps import survey
 from flinders.apps.survey.aeromagnetic import dumps, loads
 from flinders.apps.survey.simulate_aircraft import Aircraft, calibration_flight, fluxgate
-from flinders.apps.survey.tolles_lawson_fit import fitted
-from flinders.apps.survey.tolles_lawson_terms import NAMES, Signal, as_coefficients, cosine_transform, turned
+from flinders.apps.survey.tolles_lawson_fit import fit_coefficients
+from flinders.apps.survey.tolles_lawson_terms import NAMES, Signal, as_coefficients, cosine_transform, rotation_map
 from flinders.core.axes import Axes
 from flinders.errors import DocumentError, FitError, FlindersError, InputError, StuckAxis, UnitError, UsageError
 from flinders.simulate import Sensor
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 PERFECT = Sensor()
 FLIGHT = calibration_flight(1, vector=PERFECT)
 OTHER = calibration_flight(2, aircraft=FLIGHT.aircraft, vector=PERFECT, headings_deg=(45.0, 135.0, 225.0, 315.0))
-FIT = fitted(FLIGHT.samples)
+FIT = fit_coefficients(FLIGHT.samples)
 
 
 def coefficients(aircraft: Aircraft) -> Floats:
@@ -48,7 +48,7 @@ def coefficients(aircraft: Aircraft) -> Floats:
 def spread(flight: Flight, values: Floats) -> float:
     """Standard deviation of what lies within the band."""
     runs = Signal.of(flight.samples).runs()
-    cosines = np.concatenate([run.filtered(values[run.rows]) for run in runs])
+    cosines = np.concatenate([run.filter_band(values[run.rows]) for run in runs])
     return float(np.sqrt(np.sum(cosines**2) / sum(map(len, runs))))
 
 
@@ -77,7 +77,7 @@ def test_a_compensated_flight_is_the_field_without_the_aircraft() -> None:
 
 
 def test_what_is_left_of_a_recording_is_as_expected() -> None:
-    left = FIT.compensated(OTHER.samples)
+    left = FIT.compensate(OTHER.samples)
     assert left.before / left.after > 5.0
     assert 0.5 < left.after / left.expected < 2.0
 
@@ -86,7 +86,7 @@ def test_a_magnetic_aircraft_is_compensated_in_second_order() -> None:
     """A thousand nT of permanent field add ten in second order."""
     magnetic = Aircraft(permanent=np.array([0.6, -0.8, 0.5]))
     flight, other = (calibration_flight(seed, aircraft=magnetic, vector=PERFECT) for seed in (1, 2))
-    fit = fitted(flight.samples)
+    fit = fit_coefficients(flight.samples)
     assert spread(other, other.interference - fit.interference(other.samples)) < 2.5 * fit.as_flown
 
 
@@ -98,7 +98,7 @@ def test_an_aircraft_of_two_percent_of_the_field_is_compensated_as_claimed(trial
         drawn = Aircraft.random(rng)
         aircraft = Aircraft(4.0 * drawn.permanent, 4.0 * drawn.induced, 4.0 * drawn.eddy)
         vector = fluxgate(rng)
-        fit = fitted(calibration_flight(rng, aircraft=aircraft, vector=vector).samples)
+        fit = fit_coefficients(calibration_flight(rng, aircraft=aircraft, vector=vector).samples)
         between = (45.0, 135.0, 225.0, 315.0)
         other = calibration_flight(rng, aircraft=aircraft, vector=vector, headings_deg=between)
         squares.append((spread(other, other.interference - fit.interference(other.samples)) / fit.on_any_heading) ** 2)
@@ -108,7 +108,7 @@ def test_an_aircraft_of_two_percent_of_the_field_is_compensated_as_claimed(trial
 def test_a_misaligned_vector_magnetometer_compensates_as_well() -> None:
     """Its field over the scalar strength is linear in that of an aligned one, and no length spoils it."""
     lean = np.eye(3) + 0.02 * np.random.default_rng(5).standard_normal((3, 3))
-    fit = fitted(replace(FLIGHT.samples, field=FLIGHT.samples.field @ lean.T))
+    fit = fit_coefficients(replace(FLIGHT.samples, field=FLIGHT.samples.field @ lean.T))
     leant = replace(OTHER.samples, field=OTHER.samples.field @ lean.T)
     apart = fit.interference(leant) - FIT.interference(OTHER.samples)
     assert spread(OTHER, apart) < 0.1 * FIT.on_any_heading
@@ -117,7 +117,7 @@ def test_a_misaligned_vector_magnetometer_compensates_as_well() -> None:
 @pytest.mark.parametrize("axes", ["x,-y,-z", "y,x,-z", "-x,-y,z"])
 def test_the_axes_of_the_vector_magnetometer_do_not_matter(axes: str) -> None:
     turned = replace(FLIGHT.samples, field=Axes.of(axes).apply(FLIGHT.samples.field))
-    fit = fitted(turned)
+    fit = fit_coefficients(turned)
     npt.assert_allclose(fit.cross_validated, FIT.cross_validated, rtol=0.02)
     npt.assert_allclose(fit.before, FIT.before, rtol=1e-9)
 
@@ -127,31 +127,31 @@ def test_coefficients_turn_with_the_aircraft() -> None:
         [-FLIGHT.samples.field[:, 1], FLIGHT.samples.field[:, 0], FLIGHT.samples.field[:, 2]]
     )
     same, about = (Signal.of(replace(FLIGHT.samples, field=field)) for field in (FLIGHT.samples.field, turned_field))
-    difference = about.terms() - same.terms() @ turned(np.pi / 2.0)
+    difference = about.terms() - same.terms() @ rotation_map(np.pi / 2.0)
     npt.assert_allclose(difference - difference.mean(axis=0), 0.0, atol=2e-3)  # the strength is not quite constant
 
 
 def test_one_heading_alone_names_what_it_does_not_show() -> None:
-    fit = fitted(calibration_flight(1, headings_deg=(0.0,) * 4).samples)
+    fit = fit_coefficients(calibration_flight(1, headings_deg=(0.0,) * 4).samples)
     assert fit.verdict == "refused"
     assert {"permanent x", "permanent z"} <= set(fit.unobserved) < set(NAMES)
     assert "four headings" in fit.limits[0]
 
 
 def test_an_aircraft_without_a_field_is_said_to_gain_nothing() -> None:
-    fit = fitted(calibration_flight(1, aircraft=Aircraft()).samples)
+    fit = fit_coefficients(calibration_flight(1, aircraft=Aircraft()).samples)
     assert fit.verdict == "limited"
     assert "hardly magnetic" in fit.limits[-1]
 
 
 def test_ground_does_not_disturb_what_manoeuvres_show() -> None:
-    rough = fitted(calibration_flight(1, vector=PERFECT, aircraft=FLIGHT.aircraft, geology=0.1).samples)
+    rough = fit_coefficients(calibration_flight(1, vector=PERFECT, aircraft=FLIGHT.aircraft, geology=0.1).samples)
     assert np.all(np.abs(rough.coefficients - coefficients(FLIGHT.aircraft)) < 4.0 * rough.sigma)
 
 
 def test_the_length_of_the_vector_stands_in_for_a_scalar_magnetometer() -> None:
     alone = replace(FLIGHT.samples, strength=None)
-    fit = fitted(alone)
+    fit = fit_coefficients(alone)
     assert spread(FLIGHT, FLIGHT.interference - fit.interference(alone)) < 4.0 * fit.as_flown
 
 
@@ -160,7 +160,7 @@ def test_dropouts_spikes_and_gaps_are_left_out() -> None:
     strength[200:300], strength[1000], strength[2000] = 0.0, np.nan, strength[2000] + 1.0
     time[1700:] += 100.0
     damaged = replace(FLIGHT.samples, strength=strength, time=time)
-    fit = fitted(damaged)
+    fit = fit_coefficients(damaged)
     assert np.all(np.abs(fit.coefficients - coefficients(FLIGHT.aircraft)) < 4.0 * fit.sigma)
     assert np.flatnonzero(~np.isfinite(fit.interference(damaged))).tolist() == [
         *range(200, 300), 1000, 2000

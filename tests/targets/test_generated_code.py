@@ -85,7 +85,7 @@ def given(unit: str = "mG", axes: str = "y,x,-z") -> Calibration:
 
 def as_recorded(calibration: Calibration) -> Floats:
     """(1000, 3) readings in the recorded unit and axes, whole numbers."""
-    field = calibration.field_strength * simulate.uniform(np.random.default_rng(3), 1000)
+    field = calibration.field_strength * simulate.uniform_directions(np.random.default_rng(3), 1000)
     back = calibration.axes.apply(np.eye(3))
     recorded: Floats = np.rint(calibration.unapply(field) @ back.T / calibration.raw.scale)
     return recorded
@@ -300,8 +300,8 @@ int main(void) {{
 def near_the_limits() -> Floats:
     """(N, 6) corrected readings and what an accelerometer reads, around the limits of `GATES`, and one that is none."""
     rng = np.random.default_rng(2)
-    up = simulate.uniform(rng, 2000)
-    across = np.cross(up, simulate.uniform(rng, 2000))
+    up = simulate.uniform_directions(rng, 2000)
+    across = np.cross(up, simulate.uniform_directions(rng, 2000))
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     dip = np.deg2rad(-61.0 + rng.uniform(-8.0, 8.0, 2000))[:, np.newaxis]
     field = (49.4 + rng.uniform(-5.0, 5.0, 2000))[:, np.newaxis] * (np.cos(dip) * across - np.sin(dip) * up)
@@ -359,8 +359,8 @@ def test_a_dip_next_to_the_poles_has_one_limit(limits: tuple[float, float]) -> N
 
 def clean(tumble: simulate.Simulated, rng: np.random.Generator, count: int) -> tuple[Floats, Floats]:
     """New readings of a simulated sensor, all over, and a vertical of each that is good to 1° about each axis."""
-    up = simulate.uniform(rng, count)
-    across = np.cross(up, simulate.uniform(rng, count))
+    up = simulate.uniform_directions(rng, count)
+    across = np.cross(up, simulate.uniform_directions(rng, count))
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     dip = np.deg2rad(tumble.dip_deg)
     field = tumble.field_strength * (np.cos(dip) * across - np.sin(dip) * up)

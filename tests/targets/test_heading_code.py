@@ -19,8 +19,8 @@ from flinders.estimators.ellipse import Ellipse
 from flinders.fitting.export import export_fit
 from flinders.fitting.fit_file import load
 from flinders.fitting.measurement_noise import noise_of
-from flinders.geometry.ellipsoid import gathered
-from flinders.geometry.plane import down_of
+from flinders.geometry.ellipsoid import parameter_derivatives
+from flinders.geometry.plane import down_direction
 from flinders.geometry.rotation import rotations
 from flinders.heading.attitude import level_heading_deg, magnetic_heading_deg
 from flinders.heading.error_propagation import level_fields
@@ -82,8 +82,8 @@ def readings_of(fitted: Fit, across: Floats, up: Floats) -> Floats:
 def attitudes(fitted: Fit, count: int = 300) -> Floats:
     """(N, 6) readings at attitudes all over."""
     rng = np.random.default_rng(5)
-    up = simulate.uniform(rng, count)
-    across = np.cross(up, simulate.uniform(rng, count))
+    up = simulate.uniform_directions(rng, count)
+    across = np.cross(up, simulate.uniform_directions(rng, count))
     return readings_of(fitted, across / np.linalg.norm(across, axis=1, keepdims=True), up)
 
 
@@ -106,10 +106,12 @@ def claimed_deg(fitted: Fit, readings: Floats) -> Floats:
     field, down = readings[:, :3], -readings[:, 3:]
     east = np.cross(down / np.linalg.norm(down, axis=1, keepdims=True), field)
     across = strength * east / np.sum(east**2, axis=1, keepdims=True)
-    level_across, directions = level_fields(claim.known_dip_deg, down_of(claim.plane))
-    common = gathered(np.linalg.solve(shape, turn.T @ level_across), turn.T @ directions).mean(axis=0)
+    level_across, directions = level_fields(claim.known_dip_deg, down_direction(claim.plane))
+    common = parameter_derivatives(np.linalg.solve(shape, turn.T @ level_across), turn.T @ directions).mean(axis=0)
     vectors = np.linalg.solve(shape, turn.T @ across.T)
-    rows = gathered(vectors, turn.T @ field.T / strength) - math.copysign(1.0, claim.known_dip_deg) * common
+    rows = (
+        parameter_derivatives(vectors, turn.T @ field.T / strength) - math.copysign(1.0, claim.known_dip_deg) * common
+    )
     variance = np.einsum("ni,ij,nj->n", rows, claim.claimed_covariance, rows)
     variance += fitted.evidence.noise**2 * np.sum(vectors**2, axis=0)
     sigma: Floats = np.hypot(np.rad2deg(np.sqrt(variance)), claim.alignment_error_deg or 0.0)

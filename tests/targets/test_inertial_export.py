@@ -35,7 +35,7 @@ HOLDING: Final = [name for name, row in registry().items() if row.inertial is no
 
 def sensors(matrix: Floats = SQUARE, unit: str = "m/s2") -> Inertial:
     triad = Triad(matrix, OFFSET, "m/s2")
-    accelerometer = triad if unit == "m/s2" else triad.scaled(4096 / 9.80665, "counts")
+    accelerometer = triad if unit == "m/s2" else triad.scale_readings(4096 / 9.80665, "counts")
     return Inertial(accelerometer, GYRO, TiltError(0.1, 0.12, 0.25))
 
 

@@ -23,7 +23,7 @@ from tests.sentences import assert_raises
 from tests.trials import examples
 
 from flinders import fit, simulate
-from flinders.core.axes import EXCHANGES, TURNS, Axes, nearest_to
+from flinders.core.axes import AXIS_ROTATIONS, SIGNED_PERMUTATIONS, Axes, nearest_axes
 from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
 from flinders.errors import DocumentError, NotExportable
@@ -32,8 +32,8 @@ from flinders.geometry.rotation import rotations
 from flinders.likelihood.site_field import Site
 from flinders.targets import ExportOptions, find, read_back, registry
 from flinders.targets._mounting import apart_deg, euler
-from flinders.targets._placement import right_angled
-from flinders.targets._target import MOUNTINGS
+from flinders.targets._placement import right_angled_axes
+from flinders.targets._target import MOUNTING_KINDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.targets import Export
 
-ROWS = [row for row in registry().values() if row.keeps in MOUNTINGS]
+ROWS = [row for row in registry().values() if row.keeps in MOUNTING_KINDS]
 SOFT = np.array([[1.05, 0.04, -0.02], [0.04, 0.93, 0.03], [-0.02, 0.03, 1.1]])
 OFFSET = np.array([10.0, -20.0, 30.0])
 
@@ -129,7 +129,7 @@ def test_each_has_its_formula_here() -> None:
 
 def assert_corrects(export: Export, given: Calibration, mounting: Floats | None = None) -> None:
     """S (m − b) as the file says, and the system's turn, is the calibration's field in the axes of the body."""
-    raw = simulate.uniform(np.random.default_rng(1), 200) * 60.0
+    raw = simulate.uniform_directions(np.random.default_rng(1), 200) * 60.0
     values = export.fields["values"]
     found = (raw - values["offset"]) @ np.asarray(values["matrix"]).T @ rotation_in(export).T
     after = np.eye(3) if mounting is None else mounting
@@ -155,7 +155,7 @@ def test_the_systems_own_formula_gives_the_calibration(name: str, axes: str) -> 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)
 def test_all_right_angles_are_written_exactly_and_read_back(row: object) -> None:
-    for axes in TURNS:
+    for axes in AXIS_ROTATIONS:
         given = sensor(axes.matrix)
         export = find(row.name).render(given, asked=ExportOptions(mounting=np.eye(3)))  # type: ignore[attr-defined]
         npt.assert_allclose(rotation_in(export), axes.matrix, atol=1e-9)
@@ -173,7 +173,7 @@ def test_any_rotation_is_read_back(name: str, vector: list[float]) -> None:
     turn = rotations(np.array(vector))
     export = find(name).render(sensor(turn), asked=ExportOptions(mounting=np.eye(3)))
     back = read_back(export.text.encode(), "file")[1]
-    axes = right_angled(turn)  # one that is nearly so is written as that
+    axes = right_angled_axes(turn)  # one that is nearly so is written as that
     assert apart_deg(back.matrix @ back.axes.matrix, turn if axes is None else axes.matrix) < 1e-4
 
 
@@ -230,17 +230,17 @@ def test_right_angles_are_taken_within_three_sigma_and_not_beyond() -> None:
     covariance = np.diag(spread**2)
     taken = 0
     for vector in rng.normal(size=(1000, 3)) * spread:
-        axes = TURNS[int(rng.integers(24))]
-        taken += right_angled(rotations(vector) @ axes.matrix, covariance) == axes
+        axes = AXIS_ROTATIONS[int(rng.integers(24))]
+        taken += right_angled_axes(rotations(vector) @ axes.matrix, covariance) == axes
     assert 992 <= taken <= 1000
     off = rng.normal(size=(100, 3))
     off *= 6.0 / np.linalg.norm(off, axis=1, keepdims=True)
-    assert not any(right_angled(rotations(vector * spread), covariance) for vector in off)
+    assert not any(right_angled_axes(rotations(vector * spread), covariance) for vector in off)
 
 
 def test_a_rotation_that_is_hardly_known_is_no_right_angle() -> None:
-    assert right_angled(euler(1, 1, 1), np.deg2rad(60.0) ** 2 * np.eye(3)) is None
-    assert right_angled(euler(0, 0, 45), np.deg2rad(15.0) ** 2 * np.eye(3)) is None
+    assert right_angled_axes(euler(1, 1, 1), np.deg2rad(60.0) ** 2 * np.eye(3)) is None
+    assert right_angled_axes(euler(0, 0, 45), np.deg2rad(15.0) ** 2 * np.eye(3)) is None
 
 
 def test_what_is_taken_for_right_angles_says_so_and_is_checked_as_that() -> None:
@@ -283,7 +283,7 @@ def test_a_mounting_that_nobody_knows_is_refused_unless_it_is_said(row: object) 
 # a mirrored sensor
 
 
-MIRRORS = [axes for axes in EXCHANGES if axes.is_mirror]
+MIRRORS = [axes for axes in SIGNED_PERMUTATIONS if axes.is_mirror]
 
 
 @pytest.mark.parametrize("name", ["urdf", "static-transform", "android-placement"])
@@ -318,13 +318,13 @@ def test_a_mirrored_sensor_from_its_recording_to_its_mounting() -> None:
     wrong = fit(recorded, aiding=("dip", "rate"), site=site)
     finding = next(one for one in wrong.findings if one.code == "mirrored-axis")
     axes = Axes.of(str(finding.values["axes"]))
-    assert axes == nearest_to(mounted)
+    assert axes == nearest_axes(mounted)
     assert finding.values["axis"] == axes.mirrored_axis
     for name in ("urdf", "iio-mount-matrix"):
         with assert_raises(NotExportable, beyond=("rotation",)):
             export_fit(wrong, find(name))
 
-    found = fit(recorded.turned(axes), aiding=("dip", "rate"), site=site)
+    found = fit(recorded.map_axes(axes), aiding=("dip", "rate"), site=site)
     codes = {one.code for one in found.findings}
     assert "mirrored-axes" in codes
     assert not codes & {"mirrored-axis", "swapped-axes", "site-differs"}

@@ -18,7 +18,7 @@ import pytest
 from tests.sentences import assert_raises
 
 from flinders import simulate
-from flinders.arrays import Floats, floats
+from flinders.arrays import Floats, to_floats
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.units import PER_UNIT, Unit
@@ -28,7 +28,7 @@ from flinders.targets._code_text import digits
 from flinders.targets._comments import BLOCK, HASH, MARKUP, plain_ascii
 from flinders.targets._mounting import euler
 from flinders.targets._numbers import nearest_diagonal
-from flinders.targets._target import HOLDS, MOUNTINGS, WHERE
+from flinders.targets._target import AXES_WORDS, CAPACITY_WORDS, MOUNTING_KINDS
 from flinders.targets.motioncal import symmetric_root
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def sensor(seed: int, unit: str = "mG", axes: str = "x,y,z", keeps: str = "all")
 def readings(calibration: Calibration) -> Floats:
     """(1000, 3) what the sensor reads, µT, in the axes as recorded."""
     back = calibration.axes.apply(np.eye(3))
-    field = simulate.uniform(np.random.default_rng(9), 1000) * calibration.field_strength
+    field = simulate.uniform_directions(np.random.default_rng(9), 1000) * calibration.field_strength
     return calibration.unapply(field) @ back.T
 
 
@@ -95,27 +95,27 @@ def lists(text: str, count: int) -> Floats:
 def motioncal_packet(export: Export, r: Floats) -> Floats:
     assert export.data is not None
     values = struct.unpack_from("<16f", export.data, 2)
-    return floats((r - np.array(values[6:9])) @ symmetric(*values[10:16]).T)
+    return to_floats((r - np.array(values[6:9])) @ symmetric(*values[10:16]).T)
 
 
 def sensorlab(export: Export, r: Floats) -> Floats:
     p = json.loads(export.text)
-    return floats((r - f32(p["mag_hardiron"])) @ f32(p["mag_softiron"]).reshape(3, 3).T)
+    return to_floats((r - f32(p["mag_hardiron"])) @ f32(p["mag_softiron"]).reshape(3, 3).T)
 
 
 def subtracted(export: Export, r: Floats) -> Floats:
     numbers = lists(export.text, 12)
-    return floats((r - numbers[9:]) @ numbers[:9].reshape(3, 3).T)
+    return to_floats((r - numbers[9:]) @ numbers[:9].reshape(3, 3).T)
 
 
 def fusion_old(export: Export, r: Floats) -> Floats:
     numbers = lists(export.text, 12)
-    return floats(r @ numbers[:9].reshape(3, 3).T - numbers[9:])
+    return to_floats(r @ numbers[:9].reshape(3, 3).T - numbers[9:])
 
 
 def zscilib(export: Export, r: Floats) -> Floats:
     numbers = lists(export.text, 12)
-    return floats((r + numbers[9:]) @ numbers[:9].reshape(3, 3).T)
+    return to_floats((r + numbers[9:]) @ numbers[:9].reshape(3, 3).T)
 
 
 def rtimulib(export: Export, r: Floats) -> Floats:
@@ -126,14 +126,14 @@ def rtimulib(export: Export, r: Floats) -> Floats:
     delta = high - low
     matrix = np.array([[p[f"compassCalCorr{row}{column}"] for column in (1, 2, 3)] for row in (1, 2, 3)])
     scaled = (r - (low + high) / 2) * (delta.max() / delta)
-    return floats((scaled - [p[f"compassCalOffset{axis}"] for axis in "XYZ"]) @ matrix.T)
+    return to_floats((scaled - [p[f"compassCalOffset{axis}"] for axis in "XYZ"]) @ matrix.T)
 
 
 def register23(export: Export, r: Floats) -> Floats:
     words = export.text.strip().partition("*")[0].split(",")
     assert words[:2] == ["$VNWRG", "23"]
     numbers = f32([float(word) for word in words[2:]])
-    return floats((r - numbers[9:]) @ numbers[:9].reshape(3, 3).T)
+    return to_floats((r - numbers[9:]) @ numbers[:9].reshape(3, 3).T)
 
 
 def esphome(export: Export, r: Floats) -> Floats:
@@ -151,7 +151,7 @@ def matlab(export: Export, r: Floats) -> Floats:
     assert b
     assert "C = bsxfun(@minus, D, b) * A;" in export.text
     rows = np.array([[float(word) for word in row.split()] for row in a[1].split(";")])
-    return floats((r - [float(word) for word in b[1].split()]) @ rows)
+    return to_floats((r - [float(word) for word in b[1].split()]) @ rows)
 
 
 def micropython(export: Export, r: Floats) -> Floats:
@@ -174,14 +174,14 @@ def fixed(form: tuple[int, int]) -> Callable[[Export, Floats], Floats]:
             moved = [(value << fraction) - b for value, b in zip(reading, offset, strict=True)]
             sums = [sum(a * d for a, d in zip(row, moved, strict=True)) for row in rows]
             found.append([(total + (1 << (shift + fraction - 1))) >> (shift + fraction) for total in sums])
-        return floats(np.clip(np.array(found, float), -largest - 1, largest))
+        return to_floats(np.clip(np.array(found, float), -largest - 1, largest))
 
     return run
 
 
 def plain(export: Export, r: Floats) -> Floats:
     p = json.loads(export.text) if export.text.startswith("{") else export.fields["values"]
-    return floats((r - p["offset"]) @ np.array(p["matrix"]).T)
+    return to_floats((r - p["offset"]) @ np.array(p["matrix"]).T)
 
 
 FORMULAS: dict[str, Callable[[Export, Floats], Floats]] = {
@@ -356,8 +356,8 @@ def test_numbers_are_read_back_as_they_were(value: float) -> None:
 def test_the_table_is_complete() -> None:
     for name, row in registry().items():
         assert row.name == name
-        assert row.keeps in HOLDS
-        assert row.acts in WHERE
+        assert row.keeps in CAPACITY_WORDS
+        assert row.acts in AXES_WORDS
         assert row.source
         assert row.storage
         assert row.unit in {*PER_UNIT, "counts", "own", "recorded"}
@@ -366,7 +366,7 @@ def test_the_table_is_complete() -> None:
 # there and back
 
 
-READABLE = [row.name for row in registry().values() if row.reader and row.keeps not in MOUNTINGS]
+READABLE = [row.name for row in registry().values() if row.reader and row.keeps not in MOUNTING_KINDS]
 
 
 IN_COUNTS = [name for name in READABLE if find(name).unit == "counts"]

@@ -96,7 +96,7 @@ COMPASS_MOTCT,2
 def test_readings_are_corrected_line_by_line_as_the_vehicle_does(change: dict[str, float]) -> None:
     values = EXAMPLE | change
     found = Parameters.read(values)
-    for reading in simulate.uniform(np.random.default_rng(1), 50) * 520:
+    for reading in simulate.uniform_directions(np.random.default_rng(1), 50) * 520:
         npt.assert_allclose(found.apply(reading, 12.5), vehicle(values, reading, 12.5), atol=1e-9)
         npt.assert_allclose(found.unapply(vehicle(values, reading, 12.5), 12.5), reading, atol=1e-9)
 
@@ -118,7 +118,7 @@ def test_what_a_vehicle_does_with_what_is_written_is_the_calibration_to_a_float3
     sensor = simulate.Sensor.random(np.random.default_rng(seed))
     given = Calibration.from_ellipsoid(sensor.offset, sensor.matrix @ sensor.matrix.T * 45, raw=MICROTESLA)
     written = dict(Parameters.of(given).rows())
-    raw = given.unapply(given.field_strength * simulate.uniform(np.random.default_rng(seed), 100))
+    raw = given.unapply(given.field_strength * simulate.uniform_directions(np.random.default_rng(seed), 100))
     for reading, expected in zip(10 * raw, 10 * given.apply(raw), strict=True):
         npt.assert_allclose(vehicle(written, reading), expected, atol=1e-3)
     held = Parameters.of(given).as_float32()
@@ -132,7 +132,7 @@ def test_a_calibration_in_the_axes_of_the_sensor_is_turned_with_its_mounting(ori
     given = calibration([[1.1, 0.05, 0.02], [0.05, 0.9, 0], [0.02, 0, 1.02]], [12, -30, 7])
     turn = turned(orientation)
     found = Parameters.of(given, mounting=turn)
-    raw = 10 * given.unapply(50 * simulate.uniform(np.random.default_rng(2), 50))
+    raw = 10 * given.unapply(50 * simulate.uniform_directions(np.random.default_rng(2), 50))
     npt.assert_allclose(found.apply(raw @ turn.T), 10 * given.apply(raw / 10) @ turn.T, atol=1e-9)
 
 
@@ -293,7 +293,7 @@ def flight(values: dict[str, float] = EXAMPLE, *, rows: int = 400) -> tuple[Writ
     log.describe("GPS", 134, "QBBIHBcLLeffffB", "TimeUS,I,Status,GMS,GWk,NSats,HDop,Lat,Lng,Alt,Spd,GCrs,VZ,Yaw,U")
     log.describe("MSG", 135, "QZ", "TimeUS,Message")
     log.add("MSG", 0, b"ArduRover V4.5.7 (0123abcd)")
-    raw = 480 * simulate.uniform(np.random.default_rng(3), rows)
+    raw = 480 * simulate.uniform_directions(np.random.default_rng(3), rows)
     times = 10.0 + 0.1 * np.arange(rows)
     for name, value in values.items():
         log.add("PARM", 1, name.encode(), value, 0.0)
@@ -366,7 +366,7 @@ def turning(rows: int = 100) -> tuple[Floats, Floats]:
     """Times in s, ten a second, and attitudes of a vehicle that rolls, pitches and turns all the while."""
     times = 10.0 + 0.1 * np.arange(rows)
     angles = np.column_stack([2.0 * np.sin(times), 0.7 * np.cos(0.7 * times), 0.5 * times])
-    return times, quaternions.of_angles(angles)
+    return times, quaternions.from_angles(angles)
 
 
 def flown(
@@ -387,14 +387,14 @@ def flown(
     for name, value in values.items():
         log.add("PARM", 1, name.encode(), value, 0.0)
     times, attitudes = turning()
-    wrong = quaternions.of_angles([[0.0, 0.0, np.deg2rad(40.0)], [0.0, 0.0, np.deg2rad(20.0)]])
-    raw = quaternions.rotated(quaternions.inverse(attitudes), EARTH)
+    wrong = quaternions.from_angles([[0.0, 0.0, np.deg2rad(40.0)], [0.0, 0.0, np.deg2rad(20.0)]])
+    raw = quaternions.rotate_vectors(quaternions.inverse(attitudes), EARTH)
     for place, (time, reading) in enumerate(zip(times, raw, strict=True)):
         micros = round(1e6 * time)
         at = time - 5e-3
         early = round(1e6 * at)
         angles = np.array([2.0 * np.sin(at), 0.7 * np.cos(0.7 * at), 0.5 * at])
-        attitude = quaternions.of_angles(angles)
+        attitude = quaternions.from_angles(angles)
         used = primary[place] if len(primary) else 0
         if len(primary):
             log.add("XKF4", early, 0, used)
@@ -418,7 +418,7 @@ def flown(
 
 def site(instrument: Instrument, *, as_logged: bool = False) -> Floats:
     """(N, 3) µT: what the compass read, turned into north, east, down, without what has no attitude."""
-    found = quaternions.rotated(all_of(instrument, "attitude"), all_of(instrument, as_logged=as_logged))
+    found = quaternions.rotate_vectors(all_of(instrument, "attitude"), all_of(instrument, as_logged=as_logged))
     kept: Floats = found[np.isfinite(found[:, 0])]
     return kept
 
@@ -812,5 +812,5 @@ def test_the_field_of_a_real_flight_is_constant_in_north_east_down(recordings: C
 
 def _roll_and_pitch(attitude: Floats) -> tuple[Floats, Floats]:
     """Degrees, from where the vehicle has down."""
-    x, y, z = quaternions.rotated(quaternions.inverse(attitude), np.array([0.0, 0.0, 1.0])).T
+    x, y, z = quaternions.rotate_vectors(quaternions.inverse(attitude), np.array([0.0, 0.0, 1.0])).T
     return np.rad2deg(np.arctan2(y, z)), np.rad2deg(np.arctan2(-x, np.hypot(y, z)))

@@ -21,7 +21,7 @@ from flinders import simulate
 from flinders.apps.vehicles.targets.betaflight import MOUNTINGS
 from flinders.apps.vehicles.targets.betaflight_model import LABELS
 from flinders.apps.vehicles.targets.betaflight_schema import quality_bounds
-from flinders.arrays import floats
+from flinders.arrays import to_floats
 from flinders.core.calibration import Calibration
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
@@ -87,13 +87,13 @@ def matrix_of(number: int, own: dict[str, float] | None) -> Floats:
     if number == 9:
         assert own
         return euler_to_matrix(own)
-    return floats(ALIGNMENT_MATRICES[max(number, 1)])
+    return to_floats(ALIGNMENT_MATRICES[max(number, 1)])
 
 
 def corrected(model: dict[str, Any], raw: Floats) -> Floats:
     """applyEllipsoidCorrection of ellipsoidFit.ts."""
     correction = model["ellipsoid_correction"]
-    return floats((raw - axes_of(correction["center"])) @ np.array(correction["soft_iron"]).T)
+    return to_floats((raw - axes_of(correction["center"])) @ np.array(correction["soft_iron"]).T)
 
 
 def axes_of(vector: dict[str, float]) -> Floats:
@@ -143,7 +143,7 @@ OFFSET = HARD / COUNT_UT
 
 def field_of(raw: Floats) -> Floats:
     """(N, 3) what the sensor sees over the strength of the field, in its own axes."""
-    return floats((raw - OFFSET) @ (SOFT * COUNT_UT / FIELD_UT).T)
+    return to_floats((raw - OFFSET) @ (SOFT * COUNT_UT / FIELD_UT).T)
 
 
 def recorded(in_force: Floats, truth: Floats) -> Calibration:
@@ -277,7 +277,7 @@ def test_an_offset_that_the_board_cannot_hold_is_refused() -> None:
 def test_the_bounds_are_those_of_the_configurators_tests(
     soft_iron: ArrayLike, strength_nt: float | None, wanted: tuple[bool | None, ...]
 ) -> None:
-    bounds = quality_bounds(floats(soft_iron), strength_nt)
+    bounds = quality_bounds(to_floats(soft_iron), strength_nt)
     found = (bounds.field_strength_ok, bounds.soft_iron_offdiag_ok, bounds.soft_iron_anisotropy_ok)
     assert found == wanted
     assert bounds.bounds_ok == all(wanted)

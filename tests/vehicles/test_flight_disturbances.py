@@ -18,7 +18,7 @@ from flinders.core.samples import Samples
 from flinders.estimators import Readings
 from flinders.estimators.disturbance import fit_disturbances
 from flinders.estimators.likelihood import Likelihood
-from flinders.fitting.disturbance_selection import earned
+from flinders.fitting.disturbance_selection import select_disturbances
 from flinders.likelihood import magnitude
 
 if TYPE_CHECKING:
@@ -126,6 +126,6 @@ def test_in_flight_the_current_correlates_with_the_internal_compass_no_more(reco
 def test_auto_follows_the_current_of_a_flight(recordings: Callable[[str], Path]) -> None:
     """Of the external compass it explains 4° at 27 A, and takes the claim from 1.7° to 0.7°."""
     flight = replace(flinders.read(recordings("dronekit_log171_3mags/log171.bin")), temperature=None)
-    names, told = earned(flight)
+    names, told = select_disturbances(flight)
     assert names == ("current",)
     assert told[0].heading_change_deg == pytest.approx(4.0, abs=0.6)

@@ -40,7 +40,7 @@ def test_letters_beyond_the_labels_of_a_message_cost_nothing(monkeypatch: pytest
     monkeypatch.setattr(_fmt, "_holder", holder)
     description = f"FMT, 134, 18, MAG, Qhhh{'h' * 5000}, TimeUS,MagX,MagY,MagZ"
     lines = [description, *(f"MAG, {row}, 0, 4, -586" for row in range(20))]
-    read = _fmt.read_listed(enumerate(lines), {"MAG"})
+    read = _fmt.read_text(enumerate(lines), {"MAG"})
     assert made == list("Qhhh"), "once, and for the labels alone"
     assert list(read.tables["MAG"].fields) == ["TimeUS", "MagX", "MagY", "MagZ"]
 

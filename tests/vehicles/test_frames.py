@@ -45,7 +45,7 @@ BEFORE_THE_MOUNTING = ["px4", "px4-shell", "motioncal", "sensorlab", "rtimulib",
 def flight(seed: int = 11) -> str:
     """A log of two compasses as text; the second has no calibration on board, and iron of its own."""
     rng = np.random.default_rng(seed)
-    field = simulate.uniform(rng, 600)
+    field = simulate.uniform_directions(rng, 600)
     first = 480 * field - OFS
     second = 500 * field @ np.array([[1.05, 0.04, -0.03], [0.04, 0.95, 0.02], [-0.03, 0.02, 1.0]]) + np.array(
         [70, -45, 160]
@@ -160,7 +160,7 @@ def test_a_calibration_is_not_for_a_log_in_other_axes(command: str) -> None:
 
 def test_a_blackbox_goes_to_betaflight_and_not_to_inav() -> None:
     """``magADC`` is after the alignment of the board, where Betaflight acts and INAV does not."""
-    field = np.rint(500 * simulate.uniform(np.random.default_rng(5), 400) + [100, -50, 30]).astype(int)
+    field = np.rint(500 * simulate.uniform_directions(np.random.default_rng(5), 400) + [100, -50, 30]).astype(int)
     rows = "\n".join(f"{row},{1000 * row},{x},{y},{z}" for row, (x, y, z) in enumerate(field.tolist()))
     Path("log.csv").write_text(f"loopIteration,time,magADC[0],magADC[1],magADC[2]\n{rows}\n", encoding="ascii")
     assert run("calibrate", "log.csv", "-o", "c.json").exit_code == 0
@@ -226,7 +226,7 @@ def parse_line(text: str) -> str:
 
 
 def test_other_readings_are_in_the_axes_of_the_sensor() -> None:
-    assert frame_of(Samples.of(simulate.uniform(np.random.default_rng(1), 5))) == "sensor"
+    assert frame_of(Samples.of(simulate.uniform_directions(np.random.default_rng(1), 5))) == "sensor"
     assert read_back(b"CAL_MAG0_XOFF 0.1\n", "p.txt", target="px4")[1].frame == "sensor"
 
 
@@ -236,7 +236,7 @@ def test_readings_in_memory_keep_their_axes() -> None:
 
 def test_recordings_in_unlike_axes_are_not_put_together() -> None:
     compass = flinders.open_log("two.log").sensor("1")
-    text = Samples.of(500 * simulate.uniform(np.random.default_rng(2), 50), unit="mG", source="tumble.csv")
+    text = Samples.of(500 * simulate.uniform_directions(np.random.default_rng(2), 50), unit="mG", source="tumble.csv")
     with assert_raises(AxesError):
         Joined((compass, text))
     assert fit(Joined((compass, compass))).calibration.frame == "vehicle"

@@ -61,7 +61,7 @@ def test_the_file_states_what_the_target_holds_and_not_the_whole(whole: Fit) -> 
     stated = re.search(r"with what Betaflight holds of it headings are good to ([\d.]+) deg", text)
     assert stated is not None
     assert f"headings good to {whole.heading_error_deg.worst:.2g}" not in text
-    trial = find("betaflight").tried(whole.calibration, asked=ExportOptions(lossy=True))
+    trial = find("betaflight").try_formula(whole.calibration, asked=ExportOptions(lossy=True))
     left = level_turn_error(whole, trial).worst
     assert float(stated[1]) == pytest.approx(np.hypot(left, whole.heading_error_deg.worst), rel=0.05)
     assert left == pytest.approx(turn_error(whole), abs=0.02)
@@ -80,7 +80,7 @@ def turn_error(fit: Fit) -> float:
 
 def test_what_is_exact_leaves_no_heading_error(readings: Samples) -> None:
     fit = flinders.fit(readings)
-    trial = find("c").tried(fit.calibration)
+    trial = find("c").try_formula(fit.calibration)
     assert not trial.loses
     assert level_turn_error(fit, trial).worst < 1e-3
 

@@ -54,7 +54,7 @@ def test_an_imported_file_of_an_autopilot_follows_its_motors(tmp_path: Path, mon
 
 def away(calibration: Calibration, motor: str, value: float) -> tuple[Floats, Floats]:
     """(N, 3) readings at a value of the motors in µT and mapped axes, and what they should become."""
-    field = calibration.field_strength * simulate.uniform(np.random.default_rng(1), 50)
+    field = calibration.field_strength * simulate.uniform_directions(np.random.default_rng(1), 50)
     return calibration.at(**{motor: value}).unapply(field), field
 
 

@@ -19,7 +19,7 @@ from tests.trials import daily
 import flinders
 from flinders.apps.vehicles.targets.ardupilot import ORIENTATIONS
 from flinders.apps.vehicles.targets.px4 import MOUNTINGS
-from flinders.arrays import floats
+from flinders.arrays import to_floats
 from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import ProvenanceRecord, SourceFile
 from flinders.core.units import Unit
@@ -99,7 +99,7 @@ def ardupilot(values: Mapping[str, Any], raw: Floats) -> Floats:
     three = {name: np.array([values[f"COMPASS_{name}_{axis}"] for axis in "XYZ"]) for name in ("OFS", "DIA", "ODI")}
     xy, xz, yz = three["ODI"]
     iron = np.diag(three["DIA"]) + np.array([[0, xy, xz], [xy, 0, yz], [xz, yz, 0]])
-    return floats(0.1 * ((10.0 * raw @ turned.T + three["OFS"]) * values["COMPASS_SCALE"]) @ iron.T)
+    return to_floats(0.1 * ((10.0 * raw @ turned.T + three["OFS"]) * values["COMPASS_SCALE"]) @ iron.T)
 
 
 def px4(values: Mapping[str, Any], raw: Floats) -> Floats:
@@ -113,7 +113,7 @@ def px4(values: Mapping[str, Any], raw: Floats) -> Floats:
     )
     xy, xz, yz = beside
     iron = np.diag(scale) + np.array([[0, xy, xz], [xy, 0, yz], [xz, yz, 0]])
-    return floats(100.0 * (raw / 100.0 - offset) @ (turned @ iron).T)
+    return to_floats(100.0 * (raw / 100.0 - offset) @ (turned @ iron).T)
 
 
 def switched(raw: Floats, name: str) -> Floats:
@@ -140,8 +140,8 @@ def betaflight(values: Mapping[str, Any], raw: Floats) -> Floats:
     name = values.get("align_mag", NOW["betaflight"])
     if name == "CUSTOM":
         roll, pitch, yaw = (-int(values[f"mag_align_{axis}"]) / 10 for axis in ("roll", "pitch", "yaw"))
-        return floats(raw @ built(roll, pitch, yaw) - values["mag_calibration"])
-    return floats(switched(raw, name) - values["mag_calibration"])
+        return to_floats(raw @ built(roll, pitch, yaw) - values["mag_calibration"])
+    return to_floats(switched(raw, name) - values["mag_calibration"])
 
 
 def inav(values: Mapping[str, Any], raw: Floats) -> Floats:

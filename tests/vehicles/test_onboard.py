@@ -21,9 +21,9 @@ from flinders import simulate
 from flinders.cli import main
 from flinders.core.calibration import Calibration
 from flinders.core.disturbance import Disturbance
-from flinders.core.joining import in_memory, joined
+from flinders.core.joining import join_recordings, read_into_memory
 from flinders.errors import NoOnboardCalibration
-from flinders.geometry.angles import folded
+from flinders.geometry.angles import wrap_180
 from flinders.workflows.onboard import onboard_fit
 
 if TYPE_CHECKING:
@@ -98,9 +98,9 @@ def test_that_of_px4_is_before_the_mounting(topic: str, tmp_path: Path) -> None:
 def test_logs_joined_have_that_of_all_and_of_different_ones_none() -> None:
     one, other = (Calibration(np.eye(3), np.array([x, 0.0, 0.0]), 50.0) for x in (1.0, 2.0))
     elsewhere = replace(one, field_strength=42.0)
-    assert in_memory(joined([log_with(one), log_with(elsewhere)])).onboard is not None
-    assert in_memory(joined([log_with(one), log_with(other)])).onboard is None
-    assert in_memory(joined([log_with(one), log_with(None)])).onboard is None
+    assert read_into_memory(join_recordings([log_with(one), log_with(elsewhere)])).onboard is not None
+    assert read_into_memory(join_recordings([log_with(one), log_with(other)])).onboard is None
+    assert read_into_memory(join_recordings([log_with(one), log_with(None)])).onboard is None
 
 
 # judged
@@ -177,7 +177,7 @@ def test_readings_in_memory_without_one_raise() -> None:
     with pytest.raises(NoOnboardCalibration):
         flinders.check(log_with(None))
     with pytest.raises(NoOnboardCalibration):
-        onboard_fit(joined([log_with(None), log_with(None)]))
+        onboard_fit(join_recordings([log_with(None), log_with(None)]))
 
 
 def test_all_sensors_have_theirs_in_the_table_and_in_json() -> None:
@@ -235,14 +235,14 @@ def test_headings_with_what_was_right_on_board_are_the_yaw_but_for_the_declinati
     path = tmp_path / "flight.ulg"
     path.write_bytes(turning("sensor_mag", MODERN | {"CAL_MAG0_ROT": rotation}))
     recording = flinders.open_recording(path)
-    right = in_memory(recording).onboard
+    right = read_into_memory(recording).onboard
     assert right is not None
     history = flinders.heading_history(recording, right, moved(right, 3.0))
     assert history is not None
     assert (history.levelled_by, history.is_vehicle, history.declination_deg) == ("attitude", rotation >= 0, None)
     assert history.yaw_deg is not None
     declination = np.rad2deg(np.arctan2(EARTH[1], EARTH[0]))
-    npt.assert_allclose(folded(history.old_deg + declination - history.yaw_deg)[1:], 0.0, atol=0.1)
+    npt.assert_allclose(wrap_180(history.old_deg + declination - history.yaw_deg)[1:], 0.0, atol=0.1)
     assert np.nanmax(np.abs(history.difference_deg)) > 2.0
 
 

@@ -38,7 +38,7 @@ from flinders.geometry import quaternions
 from flinders.readers._resample import TimeSeries
 from flinders.readers._source import File
 from flinders.targets import ExportOptions, registry
-from flinders.targets._mounting import euler, without_turn
+from flinders.targets._mounting import euler, split_rotation
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -79,7 +79,7 @@ def test_what_the_vehicle_uses_is_the_calibration_turned_to_the_rounding_of_floa
     sensor = simulate.Sensor.random(rng)
     given = Calibration.from_ellipsoid(sensor.offset, sensor.matrix @ sensor.matrix.T * 45, raw=GAUSS)
     parameters = replace(Parameters.of(given, compass=2), rotation=rotation, motor=np.array([0.1, -0.2, 0.3]))
-    raw = given.unapply(given.field_strength * simulate.uniform(rng, 1000)) / 100
+    raw = given.unapply(given.field_strength * simulate.uniform_directions(rng, 1000)) / 100
     rows = dict(parameters.rows())
     expected = np.array([vehicle(rows, each, 0.7, MOUNTINGS[rotation][1:]) for each in raw])
     npt.assert_allclose(parameters.as_float32().apply(raw, 0.7), expected, atol=1e-12)
@@ -93,7 +93,7 @@ def test_what_the_vehicle_uses_is_the_calibration_turned_to_the_rounding_of_floa
 def test_parameters_act_in_the_axes_as_recorded_whatever_the_mapping(axes: str) -> None:
     mapping = Axes.of(axes)
     given = calibration([[1.1, 0.05, 0.02], [0.05, 0.9, 0], [0.02, 0, 1.02]], [12, -30, 7], axes=mapping)
-    recorded = 40 * simulate.uniform(np.random.default_rng(1), 100)
+    recorded = 40 * simulate.uniform_directions(np.random.default_rng(1), 100)
     found = mapping.apply(100 * Parameters.of(given).apply(recorded / 100))
     npt.assert_allclose(found, given.apply(mapping.apply(recorded)), atol=1e-9)
 
@@ -170,7 +170,7 @@ def test_what_px4_cannot_hold_is_refused_with_names_and_numbers() -> None:
 @pytest.mark.parametrize("angle", [0.0, 3.0, 60.0])
 def test_the_turn_of_a_matrix_is_told_apart(angle: float) -> None:
     held = np.array([[1.1, 0.1, 0.0], [0.1, 0.9, 0.05], [0.0, 0.05, 1.0]])
-    found, turn_deg = without_turn(euler(angle, 0, 0) @ held)
+    found, turn_deg = split_rotation(euler(angle, 0, 0) @ held)
     npt.assert_allclose(found, held, atol=1e-12)
     assert turn_deg == pytest.approx(angle, abs=1e-6)
 
@@ -350,10 +350,10 @@ def turning(topic: str, parameters: dict[str, float]) -> bytes:
     for row in range(200):
         time = 1_000_000 + 20_000 * row
         now, late = (
-            quaternions.of_angles([2.0 * np.sin(at), 0.7 * np.cos(0.7 * at), 0.5 * at])
+            quaternions.from_angles([2.0 * np.sin(at), 0.7 * np.cos(0.7 * at), 0.5 * at])
             for at in (1e-6 * time, 1e-6 * time + 0.003)
         )
-        body = quaternions.rotated(quaternions.inverse(now), EARTH)
+        body = quaternions.rotate_vectors(quaternions.inverse(now), EARTH)
         if topic == "vehicle_magnetometer":
             compass.append((time, 77, *body))
         else:
@@ -376,7 +376,7 @@ def test_readings_turned_by_the_attitude_are_the_field_of_the_site(topic: str, r
         assert found.attitude is not None
         is_turned = as_logged and topic == "vehicle_magnetometer"
         field = found.field if is_turned else 100 * corrected.apply(found.field / 100)
-        turned = quaternions.rotated(found.attitude, field)
+        turned = quaternions.rotate_vectors(found.attitude, field)
         assert np.isfinite(turned[:, 0]).sum() == 199
         npt.assert_allclose(turned[1:], np.tile(100 * EARTH, (199, 1)), atol=0.01)
 
@@ -450,7 +450,7 @@ def test_the_field_of_real_flights_is_constant_in_north_east_down(recordings: Ca
 
 def _in_ned(samples: Samples, field: Floats) -> Floats:
     assert samples.attitude is not None
-    return quaternions.rotated(samples.attitude, field)
+    return quaternions.rotate_vectors(samples.attitude, field)
 
 
 def _dip(ned: Floats) -> tuple[float, float]:
@@ -474,7 +474,7 @@ def test_a_compass_of_which_no_parameter_knows_how_it_sits_has_no_acceleration(t
 
 def test_what_the_vehicle_steered_by_is_un_applied_with_the_parameters_of_its_device(tmp_path: Path) -> None:
     parameters = Parameters.read(MODERN)
-    raw = 0.4 * simulate.uniform(np.random.default_rng(3), 200)
+    raw = 0.4 * simulate.uniform_directions(np.random.default_rng(3), 200)
     logged = parameters.apply(raw)
     topics = {
         ("vehicle_magnetometer", 0): [(1e6 + 1e4 * n, 77, *each) for n, each in enumerate(logged)],

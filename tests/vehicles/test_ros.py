@@ -358,7 +358,7 @@ def test_what_unpacks_to_too_much_is_refused(tmp_path: Path, monkeypatch: pytest
 
 def test_a_bag_that_unpacks_to_too_much_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = first(tmp_path, packed=True)
-    monkeypatch.setattr(files, "MOST_PIECE", 50)
+    monkeypatch.setattr(files, "MAX_CHUNK_BYTES", 50)
     with assert_raises(UnreadableInput):
         opened(file)
 
@@ -376,10 +376,10 @@ def test_what_only_begins_as_a_recording(tmp_path: Path, content: bytes) -> None
 
 def test_names_that_a_program_would_be_made_of_are_names() -> None:
     none: list[object] = []
-    assert ros._plain({"a/msg/B": ([("X", "string", "1")], none)}) == {"a/msg/B": ([], none)}
+    assert ros.checked_types({"a/msg/B": ([("X", "string", "1")], none)}) == {"a/msg/B": ([], none)}
     for name, label in (("a/msg/B", "x; import os"), ("a/msg/__class__", "x"), ("a/msg/B", "__dict__"), ("a//B", "x")):
         with assert_raises(ValueError):
-            ros._plain({name: ([], [(label, None)])})
+            ros.checked_types({name: ([], [(label, None)])})
 
 
 def test_another_database_is_no_recording(tmp_path: Path) -> None:

@@ -218,7 +218,7 @@ def test_a_missing_package_is_named_with_its_extra(monkeypatch: pytest.MonkeyPat
 
 
 def test_a_topic_that_repeats_one_reading_is_said_once(driver: Driver, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(feeds, "STILL_S", 0.05)
+    monkeypatch.setattr(feeds, "MIN_REPEAT_S", 0.05)
     opened = feeds.opened(MAG)
     rows = in_tesla(readings(1)) * 250 + in_tesla(readings(2))
     driver.tell("send", topic=MAG, rows=rows, rate_hz=800.0, start_ns=START_NS)

@@ -180,7 +180,7 @@ def board(**more: object) -> Iterator[Board]:
         one.stop()
 
 
-def sent(one: Board, **more: float) -> motioncal.Confirmed:
+def sent(one: Board, **more: float) -> motioncal.Confirmation:
     source = Serial(str(one.name))
     try:
         return motioncal.send(source, PACKET, answer=more.get("answer", 1.0), boot=1.0, tries=int(more.get("tries", 3)))
@@ -296,8 +296,8 @@ def test_motioncals_own_tolerance_would_refuse_three_decimals() -> None:
     assert held is not None
     assert wrong is not None
     assert abs(0.500 - 0.5004567) > 0.0001 + 0.00003 * 0.5004567
-    assert held.differs((0.5004567,)) is None
-    assert wrong.differs((0.5004567,)) == 0
+    assert held.first_difference((0.5004567,)) is None
+    assert wrong.first_difference((0.5004567,)) == 0
 
 
 @pytest.mark.parametrize("text", ["", "1,2", "nan,1,2", "1e3,1,2", "1;2;3", "1,2,3,4", "0x10,1,2"])

@@ -25,7 +25,7 @@ from tests.targets.test_targets import (
 )
 
 from flinders import simulate
-from flinders.arrays import Floats, floats
+from flinders.arrays import Floats, to_floats
 from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
 from flinders.errors import DocumentError, InputError, NotExportable, UsageError
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 def ardupilot(export: Export, r: Floats) -> Floats:
     p = {name: float(np.float32(v)) for name, v in pairs(export.text, r"^(\w+),(\S+)$").items()}
     iron = symmetric(*(p[f"COMPASS_{group}_{axis}"] for group in ("DIA", "ODI") for axis in "XYZ"))
-    return floats((r + [p[f"COMPASS_OFS_{axis}"] for axis in "XYZ"]) * p["COMPASS_SCALE"] @ iron.T)
+    return to_floats((r + [p[f"COMPASS_OFS_{axis}"] for axis in "XYZ"]) * p["COMPASS_SCALE"] @ iron.T)
 
 
 def px4(export: Export, r: Floats) -> Floats:
@@ -50,30 +50,30 @@ def px4(export: Export, r: Floats) -> Floats:
         for name, v in pairs(export.text, r"^(?:1\t1\t|param set )(CAL_MAG0_\w+)[ \t](\S+)").items()
     }
     scale = symmetric(*(p[f"CAL_MAG0_{axis}{group}"] for group in ("SCALE", "ODIAG") for axis in "XYZ"))
-    return floats((r - [p[f"CAL_MAG0_{axis}OFF"] for axis in "XYZ"]) @ scale.T)
+    return to_floats((r - [p[f"CAL_MAG0_{axis}OFF"] for axis in "XYZ"]) @ scale.T)
 
 
 def betaflight(export: Export, r: Floats) -> Floats:
     found = re.search(r"^set mag_calibration = (-?\d+),(-?\d+),(-?\d+)$", export.text, re.MULTILINE)
     assert found
-    return floats(np.rint(r) - [int(word) for word in found.groups()])
+    return to_floats(np.rint(r) - [int(word) for word in found.groups()])
 
 
 def inav(export: Export, r: Floats) -> Floats:
     p = pairs(export.text, r"^set (\w+) = (-?\d+)$")
     zero, gain = (np.array([p[f"mag{kind}_{axis}"] for axis in "xyz"]) for kind in ("zero", "gain"))
-    return floats(np.trunc((np.rint(r) - zero) * 1024 / gain))
+    return to_floats(np.trunc((np.rint(r) - zero) * 1024 / gain))
 
 
 def paparazzi(export: Export, r: Floats) -> Floats:
     p = pairs(export.text, r'<define name="(\w+)" value="(\S+?)"')
     neutral, sens = (np.array([p[f"MAG_{axis}_{kind}"] for axis in "XYZ"]) for kind in ("NEUTRAL", "SENS"))
-    return floats((np.rint(r) - neutral) * sens)
+    return to_floats((np.rint(r) - neutral) * sens)
 
 
 def madgwick(export: Export, r: Floats) -> Floats:
     p = pairs(export.text, r"(mag_bias_\w): (\S+)")
-    return floats(r - [p[f"mag_bias_{axis}"] for axis in "xyz"])
+    return to_floats(r - [p[f"mag_bias_{axis}"] for axis in "xyz"])
 
 
 def pipeline(export: Export, r: Floats) -> Floats:
@@ -81,14 +81,14 @@ def pipeline(export: Export, r: Floats) -> Floats:
     matrix = re.search(r"initial_mag_scaling_matrix: \[([^\]]*)\]", export.text)
     assert matrix
     rows = np.array([float(word) for word in matrix[1].split(",")]).reshape(3, 3)
-    return floats((r - [p[f"initial_mag_bias_{axis}"] for axis in "xyz"]) @ rows.T)
+    return to_floats((r - [p[f"initial_mag_bias_{axis}"] for axis in "xyz"]) @ rows.T)
 
 
 def betaflight_model(export: Export, r: Floats) -> Floats:
     """applyEllipsoidCorrection of ellipsoidFit.ts."""
     correction = json.loads(export.text)["ellipsoid_correction"]
     centre = [correction["center"][axis] for axis in "xyz"]
-    return floats((r - centre) @ np.array(correction["soft_iron"]).T)
+    return to_floats((r - centre) @ np.array(correction["soft_iron"]).T)
 
 
 FORMULAS: dict[str, Callable[[Export, Floats], Floats]] = {
@@ -181,7 +181,7 @@ def test_the_heading_error_told_is_the_worst_of_all_attitudes() -> None:
     given = sensor(3, "mG", keeps="diagonal")
     export = rendered("ros-madgwick", given, lossy=True)
     told = export.fields["checked"]["heading_deg"]
-    field = simulate.uniform(np.random.default_rng(1), 2000)
+    field = simulate.uniform_directions(np.random.default_rng(1), 2000)
     found = 1e6 * madgwick(export, given.unapply(given.field_strength * field) * 1e-6)
     worst = 0.0
     for angle in np.arange(0, 2 * np.pi, 0.1):

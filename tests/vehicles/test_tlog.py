@@ -61,7 +61,7 @@ def telemetry(values: dict[str, float], *, first_version: bool = False, autopilo
     for name, value in values.items():
         log.add(send.param_value_encode(name.encode(), value, 9, len(values), 0), first_version=first_version)
     log.add(send.gps_raw_int_encode(0, 3, 473977418, 85455938, 488000, 0, 0, 0, 0, 9), first_version=first_version)
-    raw = 480 * simulate.uniform(np.random.default_rng(5), 200)
+    raw = 480 * simulate.uniform_directions(np.random.default_rng(5), 200)
     for step, reading in enumerate(raw):
         mag = np.trunc(Parameters.read(values).apply(reading)).astype(int).tolist()
         log.add(send.sys_status_encode(0, 0, 0, 0, 12000, 10 * step, 90, 0, 0, 0, 0, 0, 0), first_version=first_version)
@@ -143,7 +143,7 @@ def test_motor_compensation_is_taken_off_by_what_was_sent(by: str, kind: float, 
     log.add(send.heartbeat_encode(2, 3, 0, 0, 0))
     for name, value in values.items():
         log.add(send.param_value_encode(name.encode(), value, 9, len(values), 0))
-    raw = 480 * simulate.uniform(np.random.default_rng(6), 200)
+    raw = 480 * simulate.uniform_directions(np.random.default_rng(6), 200)
     for step, reading in enumerate(raw):
         drive = step % 100 / 100 if by == "throttle" else 10.0 + 5.0 * np.sin(0.1 * step)
         if by == "throttle":
@@ -191,7 +191,7 @@ def flown(kind: str, *, compass: str = "RAW_IMU", autopilot: int = 3, unix: bool
 
     for step in range(100):
         micros = 1_000_000 + 100_000 * step
-        body = quaternions.rotated(quaternions.inverse(quaternions.of_angles(angles(1e-6 * micros))), EARTH)
+        body = quaternions.rotate_vectors(quaternions.inverse(quaternions.from_angles(angles(1e-6 * micros))), EARTH)
         if compass == "HIGHRES_IMU":
             gauss = (1e-3 * body).tolist()
             packet = send.highres_imu_encode(since + micros, 0, 0, -9.8, 0, 0, 0.1, *gauss, 0, 0, 0, 25.0, 0x1FFF)
@@ -204,7 +204,7 @@ def flown(kind: str, *, compass: str = "RAW_IMU", autopilot: int = 3, unix: bool
         if kind == "ATTITUDE":
             log.add(send.attitude_encode(micros // 1000 + 20, *now, 0, 0, 0), 0.02)
         else:
-            quaternion = quaternions.of_angles(now).tolist()
+            quaternion = quaternions.from_angles(now).tolist()
             log.add(send.attitude_quaternion_encode(micros // 1000 + 20, *quaternion, 0, 0, 0), 0.02)
     return log
 
@@ -214,7 +214,7 @@ def flown(kind: str, *, compass: str = "RAW_IMU", autopilot: int = 3, unix: bool
 def test_readings_turned_by_the_attitude_are_the_field_of_the_site(kind: str, unix: bool, tmp_path: Path) -> None:
     """Also where the two count time from different beginnings: then by the clock of the ground station."""
     (found,) = heard(flown(kind, unix=unix).content, tmp_path).instruments
-    turned = 10 * quaternions.rotated(all_of(found, "attitude"), all_of(found))
+    turned = 10 * quaternions.rotate_vectors(all_of(found, "attitude"), all_of(found))
     known = np.isfinite(turned[:, 0])
     assert known.sum() >= 98
     assert np.abs(turned[known] - EARTH).max() < 9.0
@@ -225,7 +225,7 @@ def test_highres_imu_of_px4_is_an_instrument_of_its_own_in_gauss_without_its_rep
     (found,) = heard(flown("ATTITUDE", compass="HIGHRES_IMU", autopilot=12).content, tmp_path).instruments
     assert (found.name, found.unit.name, found.frame, found.readings) == ("HIGHRES_IMU", "G", "vehicle", 100)
     assert found.stored is None
-    turned = quaternions.rotated(all_of(found, "attitude"), all_of(found))[1:]
+    turned = quaternions.rotate_vectors(all_of(found, "attitude"), all_of(found))[1:]
     npt.assert_allclose(turned, np.tile(EARTH / 10, (99, 1)), atol=0.4)
     npt.assert_allclose(all_of(found, "acceleration"), [[0, 0, -9.8]] * 100, atol=1e-6)
     npt.assert_allclose(all_of(found, "rate")[:, 2], 0.1, atol=1e-7)
@@ -237,7 +237,7 @@ def test_highres_imu_of_px4_is_an_instrument_of_its_own_in_gauss_without_its_rep
 def test_highres_imu_of_ardupilot_is_un_applied_and_of_others_nothing_is_claimed(tmp_path: Path) -> None:
     (ours,) = heard(flown("ATTITUDE", compass="HIGHRES_IMU").content, tmp_path).instruments
     known = all_of(ours, "attitude")[1:]
-    body = quaternions.rotated(quaternions.inverse(known), EARTH)
+    body = quaternions.rotate_vectors(quaternions.inverse(known), EARTH)
     npt.assert_allclose(10 * all_of(ours)[1:], body + np.array([97.0, 0, 0]), atol=4.0)
     (other,) = heard(flown("ATTITUDE", compass="HIGHRES_IMU", autopilot=5).content, tmp_path).instruments
     (block,) = other.columns(False)

@@ -20,14 +20,14 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from flinders.comparison.members import Member, Together
+    from flinders.comparison.members import Member, MultiFit
 
 ONBOARD_UT: Final = np.array([9.77916, -11.811, -21.318])
 """−COMPASS_OFS of the external compass, as the log has it: what its readings are about."""
 
 
 @pytest.fixture(scope="module")
-def flight(recordings: Callable[[str], Path]) -> Together:
+def flight(recordings: Callable[[str], Path]) -> MultiFit:
     log = open_log(recordings("dronekit_log171_3mags/log171.bin"))
     return fit_multi({each.name: each for each in log.instruments})
 
@@ -38,7 +38,7 @@ def fit_of(member: Member) -> Fit:
     return found
 
 
-def test_the_compasses_inside_sit_as_the_one_outside_and_hear_the_current(flight: Together) -> None:
+def test_the_compasses_inside_sit_as_the_one_outside_and_hear_the_current(flight: MultiFit) -> None:
     outside, *inside = flight.members
     found = fit_of(outside)
     assert found.heading_error_deg.worst < 1.0
@@ -50,16 +50,16 @@ def test_the_compasses_inside_sit_as_the_one_outside_and_hear_the_current(flight
         assert "sensor-deviates-throughout" in {finding.code for finding in member.findings}
 
 
-def test_each_is_known_better_than_by_itself(flight: Together) -> None:
+def test_each_is_known_better_than_by_itself(flight: MultiFit) -> None:
     for member in flight.members:
         alone = member.alone.fit if isinstance(member.alone, Refused) else member.alone
         assert isinstance(alone, Fit)
         assert fit_of(member).heading_error_deg.worst < 0.8 * alone.heading_error_deg.worst
 
 
-def test_the_offset_of_the_external_one_is_near_that_on_board(flight: Together) -> None:
+def test_the_offset_of_the_external_one_is_near_that_on_board(flight: MultiFit) -> None:
     npt.assert_allclose(fit_of(flight["MAG"]).calibration.offset, ONBOARD_UT, atol=2.5)
 
 
-def test_clocks_of_one_log_agree(flight: Together) -> None:
+def test_clocks_of_one_log_agree(flight: MultiFit) -> None:
     assert [member.delay_s for member in flight.members] == [0.0, 0.0, 0.0]

@@ -15,7 +15,7 @@ import flinders
 from flinders import simulate
 from flinders.core.geomag import site_field
 from flinders.errors import AxesError, NoAccelerometer, UsageError
-from flinders.geometry.angles import folded
+from flinders.geometry.angles import wrap_180
 from flinders.heading.axis_consistency import ForeignAxes
 from flinders.workflows.heading_stream import HeadingStream
 from flinders.workflows.notes import SENTENCES, Note
@@ -54,7 +54,7 @@ def test_headings_of_a_level_turn_are_off_by_what_is_claimed(trials: Callable[[i
         tumble = simulate.tumble(seed=seed, n=500)
         turn = simulate.tumble(seed=seed, motion="level", sensor=tumble.sensor, noise=0.0, n=72)
         series = flinders.headings(turn.samples, flinders.fit(tumble.samples), level=True)
-        off = folded(series.headings.magnetic_deg - true_headings(turn))
+        off = wrap_180(series.headings.magnetic_deg - true_headings(turn))
         assert series.summary.claim.level is not None
         ratios.append(np.std(off) / series.summary.claim.level.rms)
     low, high = tried.ratios(0.9, 1.1)
@@ -64,7 +64,7 @@ def test_headings_of_a_level_turn_are_off_by_what_is_claimed(trials: Callable[[i
 def test_headings_of_a_tilted_sensor_scatter_as_stated(tumble: Simulated, fit: Fit) -> None:
     turn = simulate.tumble(seed=2, motion="tilted", sensor=tumble.sensor)
     series = flinders.headings(turn.samples, fit)
-    claim, off = series.summary.claim, folded(series.headings.magnetic_deg - true_headings(turn))
+    claim, off = series.summary.claim, wrap_180(series.headings.magnetic_deg - true_headings(turn))
     assert claim.dip_source == "measured"
     assert abs(claim.dip_deg - 60.0) < 0.5
     assert claim.level is not None
@@ -84,7 +84,7 @@ def test_true_headings_are_magnetic_ones_and_the_declination_of_the_site(tumble:
     assert by_number.headings.true_deg is not None
     npt.assert_array_equal(by_site.headings.true_deg, by_number.headings.true_deg)
     npt.assert_allclose(
-        folded(by_site.headings.true_deg - by_site.headings.magnetic_deg), site.declination_deg, atol=1e-9
+        wrap_180(by_site.headings.true_deg - by_site.headings.magnetic_deg), site.declination_deg, atol=1e-9
     )
     assert by_site.summary.claim.dip_source == "model"
     with assert_raises(UsageError):
@@ -108,7 +108,7 @@ def test_a_log_and_a_file_of_a_calibration_are_read(tmp_path: Path, tumble: Simu
     simulate.write_csv(tumble.samples, tmp_path / "tumble.csv")
     fit.save(tmp_path / "calibration.json")
     series = flinders.headings(tmp_path / "tumble.csv", tmp_path / "calibration.json")
-    off = folded(series.headings.magnetic_deg - flinders.headings(tumble.samples, fit).headings.magnetic_deg)
+    off = wrap_180(series.headings.magnetic_deg - flinders.headings(tumble.samples, fit).headings.magnetic_deg)
     assert np.nanmax(np.abs(off)) < 0.1
     assert series.summary.notes == (Note("mounting-unobserved"),)
 
@@ -148,7 +148,7 @@ def test_what_cannot_be_a_heading_is_refused(tumble: Simulated, fit: Fit) -> Non
     with pytest.raises(ForeignAxes):
         flinders.headings(replace(samples, acceleration=samples.acceleration[:, [1, 0, 2]]), fit)
     with pytest.raises(AxesError):
-        flinders.headings(samples.turned(flinders.Axes.of("x,-y,-z")), fit)
+        flinders.headings(samples.map_axes(flinders.Axes.of("x,-y,-z")), fit)
     with assert_raises(UsageError, "unknown-parameter"):
         flinders.headings(samples, fit, columns="1,2,3")  # type: ignore[call-arg]
     with assert_raises(UsageError):

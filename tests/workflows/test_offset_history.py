@@ -12,7 +12,7 @@ from tests.worlds import walked_days
 
 from flinders import OffsetHistory, OnlineCalibration
 from flinders.errors import DocumentError
-from flinders.workflows.offset_history import adopted_name, histories_in, is_history
+from flinders.workflows.offset_history import adoption_file_name, find_histories, is_history
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -31,7 +31,7 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray, np
         rows = (time >= begin) & (time < end)
         for event in online.add(field[rows], time=time[rows]):
             if event.code == "adopted" and online.fit is not None:
-                online.fit.save(folder / "adopted" / adopted_name(event.time_s), force=True)
+                online.fit.save(folder / "adopted" / adoption_file_name(event.time_s), force=True)
         state = online.state
         known = {"offset": state.offset, "offset_sigma": state.offset_sigma, "radius": state.radius, "unit": "uT"}
         line = {"kind": "state", "event": None, "time_s": state.time_s, **known, "heading_error_deg": 0.5, "more": 1}
@@ -60,13 +60,13 @@ def test_an_offset_and_its_walk_are_read(kept: tuple[Path, np.ndarray, np.ndarra
 
 def test_a_folder_of_histories_is_one_of_units(kept: tuple[Path, np.ndarray, np.ndarray], tmp_path: Path) -> None:
     folder, _, _ = kept
-    assert sorted(histories_in([folder]).values()) == ["U1", "adopted", "lines"]
+    assert sorted(find_histories([folder]).values()) == ["U1", "adopted", "lines"]
     (tmp_path / "U1.state").symlink_to(folder / "U1.state")
-    both = histories_in([folder / "U1.state", tmp_path])
+    both = find_histories([folder / "U1.state", tmp_path])
     assert list(both.values()) == [str(folder / "U1.state"), str(tmp_path / "U1.state")]
     (tmp_path / "U1.state").unlink()
     with assert_raises(DocumentError):
-        histories_in([tmp_path])
+        find_histories([tmp_path])
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from flinders.fitting.result import bare_fit
 from flinders.native.engine import engine
 from flinders.native.layouts import ONLINE
 from flinders.workflows.online import OnlineCalibration
-from flinders.workflows.timeline import MOST_POINTS, OnlinePoint, Timeline
+from flinders.workflows.timeline import MAX_POINTS, OnlinePoint, Timeline
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -146,15 +146,15 @@ def test_a_timeline_is_bounded_and_fine_where_it_is_recent() -> None:
     timeline = Timeline()
     for minute in range(12_000):
         timeline.put(OnlinePoint(60.0 * minute, "undisturbed", events=("adopted",) if minute % 1000 == 3 else ()))
-        assert len(timeline.points) <= MOST_POINTS
+        assert len(timeline.points) <= MAX_POINTS
     times = np.array([point.time_s for point in timeline.points])
     assert times[0] == 0.0
     assert (np.diff(times[times > times[-1] - 1800.0]) == 60.0).all()
     assert np.diff(times).max() < 3600.0
     assert sum(len(point.events) for point in timeline.points) == 12
-    for part in range(3 * MOST_POINTS):  # events faster than any point
+    for part in range(3 * MAX_POINTS):  # events faster than any point
         timeline.put(OnlinePoint(720_000.0 + 1e-3 * part, "undisturbed", events=("adopted",)))
-        assert len(timeline.points) <= MOST_POINTS
+        assert len(timeline.points) <= MAX_POINTS
 
 
 def test_the_claim_grows_while_nothing_is_learnt() -> None:

@@ -68,7 +68,7 @@ def test_a_motor_on_a_bench_goes_onto_the_calibration_with_the_heading_error_tha
         (motor,) = found.calibration.disturbances
         assert found.findings == ()
         assert found.calibration.at().isclose(calm.calibration, tolerance=0.0)
-        wrong = calm.calibration.matrix @ (motor.per_unit - PER_AMPERE) * (motor.farthest - motor.reference)
+        wrong = calm.calibration.matrix @ (motor.per_unit - PER_AMPERE) * (motor.extreme_value - motor.reference)
         off_deg = np.rad2deg(np.linalg.norm(wrong) / calm.calibration.field_strength / np.cos(np.deg2rad(60.0)))
         assert off_deg < 3.0 * found.residual_deg["current"] < 0.5
 
@@ -79,7 +79,7 @@ def test_a_bench_needs_a_sensor_at_rest_in_the_axes_of_the_calibration() -> None
     with pytest.raises(NotTurned):
         flinders.fit_bench(tumble.samples, calm, ["current"])
     with pytest.raises(AxesError):
-        flinders.fit_bench(bench().turned(flinders.Axes.of("y,-x,z")), calm, ["current"])
+        flinders.fit_bench(bench().map_axes(flinders.Axes.of("y,-x,z")), calm, ["current"])
     with pytest.raises(InputError):
         flinders.fit_bench(bench(), calm, ["throttle"])
 

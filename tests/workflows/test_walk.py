@@ -78,9 +78,9 @@ def test_few_estimates_tell_nothing() -> None:
 
 
 def test_a_number_is_known_within_a_factor_of_two() -> None:
-    walk = Walk.known(0.3)
+    walk = Walk.from_rate(0.3)
     assert walk.log_sigma == pytest.approx(math.log(2.0))
     assert walk.heading_deg(4 * 3600.0, radius=50.0, dip_deg=60.0) == pytest.approx(math.degrees(0.6 / 25.0))
     for rate in (0.0, -1.0, math.nan, math.inf):
         with assert_raises(UsageError):
-            Walk.known(rate)
+            Walk.from_rate(rate)

@@ -28,7 +28,7 @@ TRACES: Final = (".svg", ".csv")
 
 def _prior(value: str) -> float | str:
     """Read the value of ``--prior``: a number or the word none, since `None` means that the option was not given."""
-    number = program.within(0, 100, "a number above 0, up to 100, such as 0.3; or none")
+    number = program.number_within(0, 100, "a number above 0, up to 100, such as 0.3; or none")
     return "none" if value.strip().casefold() == "none" else number(value)
 
 
@@ -67,9 +67,9 @@ class OutputOptions(program.Group, heading=program.OUTPUT):
         """Target and file of each export."""
         if not self.exported:
             return ()
-        from flinders.cli.export import named
+        from flinders.cli.export import split_exports
 
-        return named(self.exported)
+        return split_exports(self.exported)
 
     def named_files(self) -> Iterator[Output]:
         """All output files, each with its name in messages."""
@@ -87,9 +87,9 @@ class OutputOptions(program.Group, heading=program.OUTPUT):
         if self.convergence is None:
             return
         from flinders.estimators import METHODS
-        from flinders.estimators.trace import Watched
+        from flinders.estimators.trace import SequentialEstimator
 
-        watched = [name for name, kind in METHODS.items() if issubclass(kind, Watched)]
+        watched = [name for name, kind in METHODS.items() if issubclass(kind, SequentialEstimator)]
         if method not in watched:
             raise UsageError(
                 f"--convergence goes with --method {' or '.join(watched)}: {method} uses all readings at once, "
@@ -135,9 +135,9 @@ class Estimation(program.Group, heading=program.METHOD):
     @property
     def estimator(self) -> Estimator:
         """The method, with its options."""
-        from flinders.estimators import method_of
+        from flinders.estimators import method_class
 
-        method = cast("Any", method_of(self.method))
+        method = cast("Any", method_class(self.method))
         self._refuse_of_others()
         own: dict[str, Any] = {"robust": True} if self.robust else {}
         if self.prior is not None:
@@ -146,9 +146,9 @@ class Estimation(program.Group, heading=program.METHOD):
 
     def _typed_options(self, method: type[Estimator], own: Iterable[str]) -> dict[str, Any]:
         """Read the values of ``--option``, which may not repeat the options in `own`."""
-        from flinders.cli.methods import parsed
+        from flinders.cli.methods import parse_options
 
-        typed = parsed(self.method_options, method)
+        typed = parse_options(self.method_options, method)
         for name in set(own).intersection(typed):
             raise UsageError(f"--{name} and --option {name} set the same option: give one of them")
         return typed
@@ -196,7 +196,7 @@ class Sensors(program.Group):
         help="With --joint: magnetometer that the others are rotated to, by number or name [default: the first].",
     )  # fmt: skip
 
-    def are_all(self, recordings: Sequence[str]) -> bool:
+    def calibrates_all(self, recordings: Sequence[str]) -> bool:
         """Whether every magnetometer is calibrated, each with its own result."""
         is_all = self.sensor is not None and self.sensor.strip().casefold() == "all"
         if is_all and len(recordings) > 1:
@@ -219,7 +219,7 @@ class SiteOptions(program.Group, heading=program.SITE):
     date: str | None = program.member("--date", metavar="DAY", help="Day of the recording, such as 2026-11-21.")
     model: FieldModel | None = option.field_model()
     gain_sigma: float | None = program.member(
-        "--gain-sigma", type=program.within(0, 1, "a share above 0, up to 1, such as 0.01"), metavar="SHARE",
+        "--gain-sigma", type=program.number_within(0, 1, "a share above 0, up to 1, such as 0.01"), metavar="SHARE",
         help="With --at: uncertainty of the sensor's mean gain, 1 σ [default: 0.05].",
     )  # fmt: skip
 
@@ -269,17 +269,17 @@ class AidingOptions(program.Group, heading=program.AIDING):
     )  # fmt: skip
     gyro_scale_sigma: float | None = program.member(
         "--gyro-scale", metavar="SHARE",
-        type=program.within(0, 0.5, "a share from 0 to 0.5, such as 0.02; 0 if the gyro is calibrated", zero=True),
+        type=program.number_within(0, 0.5, "a share from 0 to 0.5, such as 0.02; 0 if the gyro is calibrated", zero=True),
         help="With --with rate: uncertainty of the gyro's scales, 1 σ; 0 for a calibrated gyro [default: 0.02].",
     )  # fmt: skip
     acceleration_bias_sigma: float | None = program.member(
         "--accelerometer-bias", metavar="M/S2",
-        type=program.within(0, 2, "m/s² from 0 to 2, such as 0.05; 0 if the accelerometer is calibrated", zero=True),
+        type=program.number_within(0, 2, "m/s² from 0 to 2, such as 0.05; 0 if the accelerometer is calibrated", zero=True),
         help="With --with dip: uncertainty of the accelerometer's bias, 1 σ; 0 if it is calibrated [default: 0.3].",
     )  # fmt: skip
     acceleration_gain_sigma: float | None = program.member(
         "--accelerometer-gain", metavar="SHARE",
-        type=program.within(
+        type=program.number_within(
             0, 0.5, "a share from 0 to 0.5, such as 0.02; 0 if the accelerometer is calibrated", zero=True
         ),
         help="With --with dip: uncertainty of its gains, and of the angles of its axes (rad), 1 σ [default: 0.02].",
@@ -291,7 +291,7 @@ class AidingOptions(program.Group, heading=program.AIDING):
 
     def as_options(self) -> dict[str, Any]:
         """Arguments `aiding` and `disturbances` of `flinders.fit`."""
-        aiding, disturbances = recorded(self.names)
+        aiding, disturbances = split_recorded_names(self.names)
         if self.gyro_scale_sigma is not None and not {"rate", "auto"} & set(aiding):
             raise UsageError("--gyro-scale goes with --with rate or auto: leave it out, or name the gyro")
         for name, value in (("bias", self.acceleration_bias_sigma), ("gain", self.acceleration_gain_sigma)):
@@ -317,31 +317,31 @@ class AidingOptions(program.Group, heading=program.AIDING):
         return Instruments(names, **typed)
 
 
-def recorded(words: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def split_recorded_names(words: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Split the values of ``--with`` into aiding sensors and disturbances.
 
     A name of an aiding sensor or of a known disturbance takes precedence over a column of the same name.
 
-    >>> recorded(["rate,dip", "current", "wheel_rpm"])
+    >>> split_recorded_names(["rate,dip", "current", "wheel_rpm"])
     (('rate', 'dip'), ('current', 'wheel_rpm'))
     """
     words = list(words)
     if not words:
         return (), ()
-    from flinders.core.disturbance import MOTORS, known
-    from flinders.estimators.aiding import AIDS
+    from flinders.core.disturbance import MOTORS, kind_of
+    from flinders.estimators.aiding import AIDING_TERMS
     from flinders.fitting.aiding import AUTO
 
     names = list(dict.fromkeys(name.strip() for word in words for name in word.split(",") if name.strip()))
     if not names:
         raise UsageError("--with has no names: give some, such as --with rate,dip, or --with auto")
-    sensors = tuple(name for name in names if name in (AUTO, *AIDS))
+    sensors = tuple(name for name in names if name in (AUTO, *AIDING_TERMS))
     if AUTO in sensors and len(sensors) > 1:
         raise UsageError(f"--with {','.join(sensors)}: auto uses everything in the recording, give it alone")
     disturbances = tuple(name for name in names if name not in sensors)
     for name in disturbances:
         if name not in MOTORS.values():
-            known(name)
+            kind_of(name)
     return sensors, disturbances
 
 
@@ -374,7 +374,7 @@ class Calibrate(program.Group):
         sigma_deg = self.estimation.alignment_sigma_deg
         if self.field_strength is None and dip_deg is None and sigma_deg is None:
             return known
-        site = Site.stated(known, strength=self.field_strength, inclination_deg=dip_deg)
+        site = Site.merge_stated(known, strength=self.field_strength, inclination_deg=dip_deg)
         return site if sigma_deg is None else replace(site or Site(), alignment_sigma_deg=sigma_deg)
 
     def of_fit(self) -> dict[str, Any]:

@@ -43,7 +43,7 @@ ROWS: Final = {
 }
 """Commands of the library: heading, module in this package, and line of help."""
 
-OTHERWISE: Final = {
+REPLACEMENTS: Final = {
     "help": "each command has --help of its own",
     "monitor": "flinders record saves the output of a board, flinders live shows it",
     "plot": "figures are in the reports of flinders report and of calibrate --report; in Python fit.plot draws them",

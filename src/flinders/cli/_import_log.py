@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from flinders.cli._inputs import provenance, source_file
-from flinders.cli._multi_sensor import named_for
+from flinders.cli._multi_sensor import path_for_sensor
 from flinders.cli._output import Outputs, print_json, progress, say, strength_words
 from flinders.core.geomag import recorded_field
 from flinders.errors import FlindersError, NoOnboardCalibration, UsageError
@@ -47,7 +47,7 @@ def import_log(
         raise UsageError(
             "several calibrations do not go to standard output: name files, such as -o board-{sensor}.json"
         )
-    paths = [named_for(output, log.instruments.index(each) + 1) if is_all else output for each in chosen]
+    paths = [path_for_sensor(output, log.instruments.index(each) + 1) if is_all else output for each in chosen]
     outputs = Outputs.of(*(("the calibration", each) for each in paths), force=force, as_json=as_json)
     outputs.check([path])
     found = [onboard_calibration(each, field_strength) for each in chosen]

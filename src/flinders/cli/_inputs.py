@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from flinders.cli._output import refuse_twice, say
-from flinders.errors import DocumentError, FlindersError, TooFewSamples, UsageError, counted, figures
+from flinders.errors import DocumentError, FlindersError, TooFewSamples, UsageError, count_text, figures
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 @contextlib.contextmanager
-def saying_what_was_read(parts: Sequence[CountedRecording], *, is_field: bool = True) -> Iterator[None]:
+def report_readings(parts: Sequence[CountedRecording], *, is_field: bool = True) -> Iterator[None]:
     """Report afterwards the readings that were read; add the skipped lines to an error of too few readings.
 
     Without `is_field` the columns are not magnetic readings, and their unit is not printed.
@@ -57,14 +57,14 @@ def read_and_left_out(rows: int, skipped: Iterable[Skipped]) -> str:
     >>> read_and_left_out(600, [Skipped("other", 3, (1, 2, 3), "LIS3MDL found"), Skipped("not finite", 1, (9,))])
     "600 readings, 3 other lines (line 1: 'LIS3MDL found'), 1 not finite line (line 9)"
     """
-    words = [counted(rows, "reading")]
+    words = [count_text(rows, "reading")]
     for entry in skipped:
         if entry.is_silent:
             words.append(str(entry))
             continue
         example = f": {entry.example!r}" if entry.example else ""
         where = f" (line {entry.lines[0]}{example})" if entry.lines else ""
-        words.append(f"{counted(entry.rows, f'{entry.reason} line')}{where}")
+        words.append(f"{count_text(entry.rows, f'{entry.reason} line')}{where}")
     return ", ".join(words)
 
 
@@ -116,7 +116,7 @@ def _asked_columns(recording: Recording) -> ColumnsRecord | None:
     return form and ColumnsRecord(**form._asdict())
 
 
-def of_content(name: str, content: bytes, rows: int = 0, **compass: Any) -> SourceFile:
+def source_file_of_content(name: str, content: bytes, rows: int = 0, **compass: Any) -> SourceFile:
     """The record of a file whose content is in memory; `compass` names the compass of a vehicle with several."""
     import hashlib
 
@@ -126,13 +126,13 @@ def of_content(name: str, content: bytes, rows: int = 0, **compass: Any) -> Sour
     return SourceFile(name=name, sha256=digest, bytes=len(content), rows=rows, **compass)
 
 
-def opened(recordings: Sequence[str], sensor: str | None, **reading: Any) -> tuple[Recording, str | None]:
+def open_recordings(recordings: Sequence[str], sensor: str | None, **reading: Any) -> tuple[Recording, str | None]:
     """Open recordings of one sensor, chosen by ``--sensor`` if there are several; also return the sensor's name."""
-    from flinders.core.joining import singles
+    from flinders.core.joining import single_recordings
     from flinders.readers import Choice, open_recording
 
     recording = open_recording(recordings, sensor=Choice(sensor, is_name=True), **reading)
-    parts = list(singles(recording))
+    parts = list(single_recordings(recording))
     names = [getattr(part, "name", "") for part in parts]
     columns = reading.get("columns")
     if columns is not None and len(set(filter(None, names))) > 1:
@@ -146,15 +146,15 @@ def opened(recordings: Sequence[str], sensor: str | None, **reading: Any) -> tup
     return recording, next(filter(None, names), sensor)
 
 
-def in_use(command: str, path: str, recordings: Sequence[str], fixed: Iterable[str] = ()) -> Fit:
+def load_for_recordings(command: str, path: str, recordings: Sequence[str], fixed: Iterable[str] = ()) -> Fit:
     """Load the calibration with which recordings are read.
 
     With `fixed`, the values of ``--fix``, disturbances are held at these values and a notice states the error.
     """
-    return at_fixed(load(command, path, recordings), fixed)
+    return take_at_fixed(load(command, path, recordings), fixed)
 
 
-def at_fixed(fit: Fit, fixed: Iterable[str]) -> Fit:
+def take_at_fixed(fit: Fit, fixed: Iterable[str]) -> Fit:
     """A fit whose disturbances are held at the values of ``--fix``."""
     from flinders.fitting.result import with_calibration
 
@@ -167,14 +167,14 @@ def _at_fixed(calibration: Calibration, values: dict[str, float]) -> Calibration
     for disturbance in calibration.disturbances:
         if disturbance.name in values:
             value = values[disturbance.name]
-            away = disturbance.reference + disturbance.farthest - value
+            away = disturbance.reference + disturbance.extreme_value - value
             cost = figures(min(calibration.disturbance_deg(disturbance, away), 180.0))
             say(
-                f"taken at {disturbance.amount(value)} of {disturbance.name}: at "
-                f"{disturbance.amount(disturbance.farthest)}, the end of its calibrated range, "
+                f"taken at {disturbance.text_of(value)} of {disturbance.name}: at "
+                f"{disturbance.text_of(disturbance.extreme_value)}, the end of its calibrated range, "
                 f"headings are off by up to {cost}° (dip 60°)"
             )
-    return calibration.holding(**values)
+    return calibration.hold_values(**values)
 
 
 def fixed_values(fixed: Iterable[str], states: Mapping[str, tuple[str, ...]] | None = None) -> dict[str, float]:
@@ -246,7 +246,7 @@ def say_exact(*fits: Fit) -> None:
             say(f"{fit.provenance.name} states no uncertainty: it is used as if exact")
 
 
-def for_use(command: str, path: str) -> Fit:
+def load_for_use(command: str, path: str) -> Fit:
     """Load a calibration, and refuse one that is unfit for use."""
     from flinders.fitting.export import refuse_unfit
 
@@ -319,10 +319,10 @@ def site_of(
     place: str, date: str | None, recording: Recording | None = None, *, model: FieldModel | None = None
 ) -> SiteField:
     """The field at a place on a given day, or on the day of the recording's clock."""
-    from flinders.core.geomag import place_of, site_field, year_of
+    from flinders.core.geomag import decimal_year, parse_place, site_field
 
-    where = place_of(place)
-    return site_field(*where, year=year_of(_day(date, recording)), model=model)
+    where = parse_place(place)
+    return site_field(*where, year=decimal_year(_day(date, recording)), model=model)
 
 
 def stated_site(recording: object, otherwise: str, **more: Any) -> Site | None:

@@ -3,7 +3,7 @@
 >>> import click
 >>> from flinders.cli import main
 >>> export = click.Context(main.commands["export"], info_name="flinders export")
->>> misused(click.NoSuchOption("--to", ctx=export))
+>>> misuse_message(click.NoSuchOption("--to", ctx=export))
 "No such option '--to': did you mean '--for'? See flinders export --help"
 """
 
@@ -33,7 +33,7 @@ EXAMPLE: Final = re.compile(r"^ *(flinders .*\S)", re.MULTILINE)
 """Pattern of the first command line in an epilog."""
 
 
-def misused(error: click.ClickException) -> str:
+def misuse_message(error: click.ClickException) -> str:
     """One line with click's error, the probable intention, and where help is."""
     context = getattr(error, "ctx", None)
     problem = " ".join(error.format_message().split()).rstrip(".")
@@ -47,7 +47,7 @@ def misused(error: click.ClickException) -> str:
     return f"{problem}{see} {context.command_path if context else 'flinders'} --help"
 
 
-def unexpected(words: Sequence[str], context: click.Context) -> click.UsageError:
+def unexpected_argument(words: Sequence[str], context: click.Context) -> click.UsageError:
     """The error for surplus arguments; it names the option for the first one, if there is such an option."""
     word = words[0]
     is_port = SERIAL_PORT.match(word) is not None

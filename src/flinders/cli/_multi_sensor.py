@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, cast
 
-from flinders.cli._inputs import columns_in, provenance, say_read, saying_what_was_read
+from flinders.cli._inputs import columns_in, provenance, report_readings, say_read
 from flinders.cli._output import Outputs, error_words, print_result, progress, say
 from flinders.cli._program import EXITS
 from flinders.cli._spelling import in_options
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from rich.console import RenderableType
 
-    from flinders.comparison.members import Together
+    from flinders.comparison.members import MultiFit
     from flinders.core.samples import Recording
     from flinders.estimators.data import CountedRecording
     from flinders.fitting.result import Fit
@@ -54,13 +54,13 @@ class MultiSensor:
         from flinders.readers import open_log
 
         self._refuse(options)
-        multi: Together | None = None
+        multi: MultiFit | None = None
         with progress("reading") as watch:
             log = open_log(self.path, progress=watch, **reading)
             _refuse_chosen(log, reading)
             columns = columns_in(options.get("disturbances", ()))
             parts = {each.name: CountedRecording(each.with_auxiliary(columns)) for each in log.instruments}
-            paths = [named_for(self.output, number) for number in range(1, len(parts) + 1)]
+            paths = [path_for_sensor(self.output, number) for number in range(1, len(parts) + 1)]
             Outputs.of(*(("the calibration", each) for each in paths), force=self.force).check([self.path])
             if (site := self.told_by(log)) is not None:
                 options = {**options, "site": self.site_with(site)}
@@ -102,7 +102,7 @@ class MultiSensor:
             if self.is_joint and is_given:
                 raise UsageError(f"{option} is for a single magnetometer: leave it out with --joint")
 
-    def _fit_jointly(self, log: Log, parts: dict[str, CountedRecording], options: dict[str, Any]) -> Together:
+    def _fit_jointly(self, log: Log, parts: dict[str, CountedRecording], options: dict[str, Any]) -> MultiFit:
         """Fit all magnetometers of a log jointly."""
         from flinders.comparison.multi_sensor import fit_multi
 
@@ -110,7 +110,7 @@ class MultiSensor:
         if len(parts) < 2:
             raise UsageError(f"{log.source} has one magnetometer: leave --joint out")
         asked = {name: options[name] for name in JOINT_FIT_OPTIONS if name in options}
-        with saying_what_was_read(list(parts.values())):
+        with report_readings(list(parts.values())):
             return fit_multi(parts, reference=chosen, prior=options["method"].prior, **asked)
 
     def _fit_each(
@@ -160,25 +160,25 @@ def _refuse_chosen(log: Log, reading: dict[str, Any]) -> None:
 
 def _page(
     outcomes: Sequence[tuple[str, Outcome]],
-    multi: Together | None,
+    multi: MultiFit | None,
     target_deg: float,
     onboard: Mapping[str, OnboardCheck],
 ) -> RenderableType:
     """Page of the results for a terminal."""
-    from flinders.report.fit_pages import of_sensors, of_several
+    from flinders.report.fit_pages import page_of_joint_fit, page_of_sensors
 
     if multi is not None:
-        return of_several(multi, target_deg, in_options)
+        return page_of_joint_fit(multi, target_deg, in_options)
     rows = [
         (name, FitError(outcome.message) if isinstance(outcome, InputError) else outcome) for name, outcome in outcomes
     ]
-    return of_sensors(cast("list[tuple[str, Fit | FitError]]", rows), target_deg, onboard)
+    return page_of_sensors(cast("list[tuple[str, Fit | FitError]]", rows), target_deg, onboard)
 
 
 def _as_dict(
     outcomes: Sequence[tuple[str, Outcome]],
     paths: Sequence[str | None],
-    multi: Together | None,
+    multi: MultiFit | None,
     onboard: Mapping[str, OnboardCheck],
 ) -> dict[str, Any]:
     """JSON-ready: a list of fits, each with the check of its onboard calibration, and the results of a joint fit."""
@@ -203,10 +203,10 @@ def _row(name: str, outcome: Outcome, path: str | None) -> dict[str, Any]:
     return {"sensor": name, "written": None, "verdict": "refused", **(json_of(fit) if fit else {}), "error": error}
 
 
-def named_for(output: str | None, number: int) -> str | None:
+def path_for_sensor(output: str | None, number: int) -> str | None:
     """The file of one magnetometer: its number replaces ``{sensor}``, or stands before the suffix.
 
-    >>> named_for("compass-{sensor}.json", 2), named_for("out/calibration.json", 2)
+    >>> path_for_sensor("compass-{sensor}.json", 2), path_for_sensor("out/calibration.json", 2)
     ('compass-2.json', 'out/calibration-2.json')
     """
     if output is None:

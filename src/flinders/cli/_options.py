@@ -18,8 +18,8 @@ from flinders.cli._program import (
     flag,
     inclination,
     member,
-    only_one,
     positive,
+    single_value,
 )
 from flinders.errors import UsageError
 from flinders.links.serial_ports import ANY_PORT
@@ -164,7 +164,7 @@ def fixed() -> Field:
 def smoothing() -> Field:
     """``--filter``."""
     return member(
-        "--filter", heading=METHOD, type=_filter, multiple=True, callback=only_one, metavar="NAME[:WIDTH]",
+        "--filter", heading=METHOD, type=_filter, multiple=True, callback=single_value, metavar="NAME[:WIDTH]",
         help="Filter the readings: moving-average, median or kalman, over WIDTH readings [default: 5].",
     )  # fmt: skip
 
@@ -206,7 +206,7 @@ class LinesOptions(ColumnsOptions):
         ``--unit`` is allowed for a ROS 2 topic, whose values may be in another unit than its type states.
         """
         source = next((name for name in sources if name in ("--mavlink", "--ros2", "--simulate")), None)
-        wrong = [name for name in self.typed() if (source, name) != ("--ros2", "--unit")]
+        wrong = [name for name in self.typed_options() if (source, name) != ("--ros2", "--unit")]
         if source is not None and wrong:
             raise UsageError(f"{', '.join(wrong)} goes with lines and recordings: the unit of {source} is known")
 

@@ -18,8 +18,8 @@ from typing import IO, TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
 import click
 
 from flinders.cli._spelling import in_options
-from flinders.core.units import label
-from flinders.errors import NotExportable, UsageError, figures, with_hint
+from flinders.core.units import unit_label
+from flinders.errors import NotExportable, UsageError, append_hint, figures
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -52,14 +52,14 @@ def say(message: str) -> None:
 
 def error_words(error: FlindersError, commands: Sequence[click.Command] | None = None) -> str:
     """An error in one line, with the options that remove it; `commands` as in `in_options`."""
-    return " ".join(with_hint(error.message, in_options(error.hint, commands)).splitlines())
+    return " ".join(append_hint(error.message, in_options(error.hint, commands)).splitlines())
 
 
 def print_json(fields: dict[str, Any]) -> None:
     """Print a result as JSON."""
     from flinders.core.json_layout import lay_out
 
-    click.echo(lay_out(plain(fields)))
+    click.echo(lay_out(json_value(fields)))
 
 
 def print_result(
@@ -84,23 +84,23 @@ def print_fit(
 
     The check of the `onboard` calibration is printed below.
     """
-    from flinders.report.fit_pages import of_fit
+    from flinders.report.fit_pages import page_of_fit
 
-    show(of_fit(fit, spell, is_verbose=is_verbose, onboard=onboard), err=err)
+    show(page_of_fit(fit, spell, is_verbose=is_verbose, onboard=onboard), err=err)
     for line in aiding_lines(fit.evidence.aiding, fit.findings):
         say(line)
 
 
 def show(content: RenderableType, *, err: bool = False) -> None:
     """Print a page; on stderr if `err`."""
-    text = drawn(content, sys.stderr if err else sys.stdout)
+    text = draw_page(content, sys.stderr if err else sys.stdout)
     if err:
         say(text)
     else:
         click.echo(text)
 
 
-def drawn(content: RenderableType, stream: IO[str]) -> str:
+def draw_page(content: RenderableType, stream: IO[str]) -> str:
     """Render a page for a stream: in the width of its terminal and in colour, or plain for a file."""
     from rich.console import Console
 
@@ -119,18 +119,18 @@ def _columns() -> int:
     return shutil.get_terminal_size((WIDTH, 24)).columns
 
 
-def plain(value: object) -> object:
+def json_value(value: object) -> object:
     """Convert a result to values of JSON: lists for tuples and arrays, null for numbers that are not finite.
 
-    >>> plain({"axes": ("x",), "worst": float("inf")})
+    >>> json_value({"axes": ("x",), "worst": float("inf")})
     {'axes': ['x'], 'worst': None}
     """
     if isinstance(value, dict):
-        return {str(key): plain(member) for key, member in value.items()}
+        return {str(key): json_value(member) for key, member in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(member) for member in value]
+        return [json_value(member) for member in value]
     if hasattr(value, "tolist"):
-        return plain(value.tolist())
+        return json_value(value.tolist())
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return value if isinstance(value, str | int | None) else str(value)
@@ -296,12 +296,12 @@ def _identity(file: str | IO[str]) -> tuple[int, int] | None:
 
 
 @contextlib.contextmanager
-def written(path: str, *, force: bool, live: bool, encoding: str = "utf-8") -> Iterator[IO[str]]:
+def open_output(path: str, *, force: bool, live: bool, encoding: str = "utf-8") -> Iterator[IO[str]]:
     """Open an output: a file that appears when it is complete, or standard output, flushed per line if `live`."""
-    from flinders.core.files import replacing
+    from flinders.core.files import open_atomically
 
     if path != "-":
-        with replacing(path, force=force, encoding=encoding, newline="") as file:
+        with open_atomically(path, force=force, encoding=encoding, newline="") as file:
             yield file
         return
     if isinstance(sys.stdout, io.TextIOWrapper):
@@ -366,11 +366,13 @@ def plot_fit(fit: Fit, recording: Recording, *, err: bool = False) -> None:
     if not stream.isatty() or os.environ.get("TERM") == "dumb":
         return
     from flinders.report.figure_data import FigureData
-    from flinders.report.terminal import DRAWN, plot
+    from flinders.report.terminal import REQUIRED_LETTERS, plot
 
-    is_plain = not can_show(stream.encoding or "ascii", DRAWN)
+    is_plain = not can_show(stream.encoding or "ascii", REQUIRED_LETTERS)
     click.echo("", err=err)
-    click.echo(drawn(plot(FigureData.of(fit, recording), fit, is_plain=is_plain, width=_columns()), stream), err=err)
+    click.echo(
+        draw_page(plot(FigureData.of(fit, recording), fit, is_plain=is_plain, width=_columns()), stream), err=err
+    )
 
 
 def can_show(encoding: str, text: str) -> bool:
@@ -388,14 +390,14 @@ def can_show(encoding: str, text: str) -> bool:
 
 def strength_words(calibration: Calibration, what: str = "a nominal value") -> str:
     """Notice that the field strength of an imported calibration is unknown, and the option to set it."""
-    strength = f"{figures(calibration.field_strength, 4)} {label(calibration.unit)}"
+    strength = f"{figures(calibration.field_strength, 4)} {unit_label(calibration.unit)}"
     return f"! field strength {strength} is {what}: give --field-strength if vector lengths matter"
 
 
 def cost_words(calibration: Calibration, disturbance: Disturbance) -> str:
     """Heading error due to a disturbance at the far end of its range, at a dip of 60°."""
     cost = figures(min(calibration.disturbance_deg(disturbance), 180.0))
-    return f"up to {cost}° of heading at {disturbance.amount(disturbance.farthest)}"
+    return f"up to {cost}° of heading at {disturbance.text_of(disturbance.extreme_value)}"
 
 
 def say_references(fit: Fit) -> None:
@@ -403,7 +405,7 @@ def say_references(fit: Fit) -> None:
     for disturbance in fit.calibration.disturbances:
         say(
             f"{fit.provenance.name} corrects for {disturbance.name}: it is used at "
-            f"{disturbance.amount(disturbance.reference)}; the effect of {disturbance.name} is "
+            f"{disturbance.text_of(disturbance.reference)}; the effect of {disturbance.name} is "
             f"{cost_words(fit.calibration, disturbance)}"
         )
 

@@ -10,7 +10,7 @@ import os
 import sys
 
 
-def let_imports_be() -> None:
+def spare_imports_from_gc() -> None:
     """Keep the garbage collector from scanning imported modules, which took a sixth of the time of a short command."""
     gc.set_threshold(50_000)
     atexit.register(gc.freeze)

@@ -27,14 +27,14 @@ from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias, TypeVar, dataclas
 
 import click
 
-from flinders.cli._commands import OTHERWISE, Commands
+from flinders.cli._commands import REPLACEMENTS, Commands
 from flinders.cli._completion import BY_METAVAR, complete_files
-from flinders.cli._misuse import misused, unexpected
+from flinders.cli._misuse import misuse_message, unexpected_argument
 from flinders.cli._output import Output, Outputs, error_words, print_fit, print_json, say
-from flinders.cli._process import let_imports_be, prepare_streams, silence_stdout
-from flinders.cli._signals import ENDING, handled, interrupt
-from flinders.cli._spelling import in_options, searched
-from flinders.core.files import reason
+from flinders.cli._process import prepare_streams, silence_stdout, spare_imports_from_gc
+from flinders.cli._signals import STOP_SIGNALS, handle_signals, interrupt
+from flinders.cli._spelling import in_options, searched_commands
+from flinders.core.files import reason_and_remedy
 from flinders.core.language import ENGLISH, ENGLISH_CODE, OF_TERMINAL, language_of
 from flinders.errors import FitError, FlindersError, OutputError, UsageError
 from flinders.verdicts import MEANINGS
@@ -114,10 +114,10 @@ class Program(Commanded):
         as_json = "--json" in words[: words.index("--") if "--" in words else None]
         try:
             if args is None:
-                let_imports_be()
+                spare_imports_from_gc()
             os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices are too small for threads
             prepare_streams()
-            with handled(interrupt, *ENDING):
+            with handle_signals(interrupt, *STOP_SIGNALS):
                 code = super().main(words, prog_name, complete_var, standalone_mode=False, **extra)
         except click.ClickException as error:
             code = _report_misuse(error, as_json=as_json)
@@ -125,11 +125,11 @@ class Program(Commanded):
             say("interrupted")
             code = INTERRUPTED
         except FlindersError as error:
-            code = print_error(error, as_json=as_json, commands=searched(self._called_command(words), self))
+            code = print_error(error, as_json=as_json, commands=searched_commands(self._called_command(words), self))
         except SystemExit as end:  # click ends with 1 if the reader of stdout is gone
             code = UNWRITABLE if end.code == 1 else end.code
         except OSError as error:
-            code = print_error(OutputError(f"output cannot be written: {reason(error)}"), as_json=False)
+            code = print_error(OutputError(f"output cannot be written: {reason_and_remedy(error)}"), as_json=False)
             silence_stdout()
         except Exception as error:  # noqa: BLE001 - the one place that turns a fault of ours into a report
             code = _report_fault(error)
@@ -143,8 +143,8 @@ class Program(Commanded):
         """Look up a command, also one of two words; for an unknown name, name the replacement or a similar command."""
         if (name := " ".join(args[:2])) in self.commands:
             args = [name, *args[2:]]
-        if args[0] in OTHERWISE and args[0] not in self.commands and not ctx.resilient_parsing:
-            raise click.UsageError(f"No such command '{args[0]}': {OTHERWISE[args[0]]}", ctx)
+        if args[0] in REPLACEMENTS and args[0] not in self.commands and not ctx.resilient_parsing:
+            raise click.UsageError(f"No such command '{args[0]}': {REPLACEMENTS[args[0]]}", ctx)
         begun = [command for command in self.commands if command.startswith(args[0])]
         if begun and args[0] not in self.commands and not ctx.resilient_parsing:
             raise click.UsageError(f"No such command '{args[0]}': did you mean '{begun[0]}'?", ctx)
@@ -208,7 +208,7 @@ def _report_misuse(error: click.ClickException, *, as_json: bool) -> int:
     if message.startswith("Usage:"):
         say(message)
         return USAGE
-    return print_error(UsageError(misused(error)), as_json=as_json)
+    return print_error(UsageError(misuse_message(error)), as_json=as_json)
 
 
 def _report_fault(error: Exception) -> int:
@@ -278,7 +278,7 @@ class Command(click.Command):
             error.ctx = error.ctx or ctx
             raise
         if rest and not ctx.resilient_parsing:
-            raise unexpected(rest, ctx)
+            raise unexpected_argument(rest, ctx)
         return rest
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -369,11 +369,11 @@ class Group:
         names = [each.name for each in fields(self)]  # type: ignore[arg-type]
         return {name: getattr(self, name) for name in names if name not in if_typed or is_typed(name)}
 
-    def typed(self) -> dict[str, Any]:
+    def typed_options(self) -> dict[str, Any]:
         """The options that differ from their defaults, by their names on the command line, without those of outputs.
 
         >>> from flinders.cli._options import ReadingOptions
-        >>> ReadingOptions(None, None, "mG", None, "x,y,z", None, 5.0, None, False).typed()
+        >>> ReadingOptions(None, None, "mG", None, "x,y,z", None, 5.0, None, False).typed_options()
         {'--unit': 'mG', '--from': 5.0}
         """
         typed: dict[str, Any] = {}
@@ -392,7 +392,7 @@ class Group:
         """
         return {
             name: "yes" if value is True else ", ".join(value) if isinstance(value, tuple) else f"{value}"
-            for name, value in self.typed().items()
+            for name, value in self.typed_options().items()
         }
 
 
@@ -454,17 +454,17 @@ def is_typed(name: str) -> bool:
     return context is not None and context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE
 
 
-def only_one(_context: click.Context, _option: click.Parameter, values: tuple[Any, ...]) -> Any:  # noqa: ANN401
+def single_value(_context: click.Context, _option: click.Parameter, values: tuple[Any, ...]) -> Any:  # noqa: ANN401
     """Take the value of an option that may be given only once, or None; for `callback`, with ``multiple=True``."""
     if len(values) > 1:
         raise click.BadParameter(f"{values[0]}, and {values[1]}: give one")
     return values[0] if values else None
 
 
-def within(low: float, high: float, what: str, *, zero: bool = False) -> Callable[[object], float]:
+def number_within(low: float, high: float, what: str, *, zero: bool = False) -> Callable[[object], float]:
     """Make the type of an option: a finite number from `low` to `high`; a `low` of 0 is refused without `zero`.
 
-    >>> within(0, 180, "an angle")("7.5"), within(0, 1, "a share", zero=True)("0")
+    >>> number_within(0, 180, "an angle")("7.5"), number_within(0, 1, "a share", zero=True)("0")
     (7.5, 0.0)
     """
 
@@ -480,9 +480,9 @@ def within(low: float, high: float, what: str, *, zero: bool = False) -> Callabl
     return number
 
 
-positive = within(0, sys.float_info.max, "a number above 0")
-angle = within(0, 180, "degrees above 0, up to 180")
-inclination = within(-89, 89, "degrees from -89 to 89")
+positive = number_within(0, sys.float_info.max, "a number above 0")
+angle = number_within(0, 180, "degrees above 0, up to 180")
+inclination = number_within(-89, 89, "degrees from -89 to 89")
 
 
 def numbers_of(text: str) -> list[float]:

@@ -1,6 +1,6 @@
 """Signals that end a program: Ctrl-C, kill, timeout, a closed terminal.
 
->>> with stopping(patient=True) as is_asked:
+>>> with catch_stop_signals(patient=True) as is_asked:
 ...     is_asked()
 False
 """
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from types import FrameType
 
-ENDING: Final = ("SIGINT", "SIGTERM", "SIGHUP")
+STOP_SIGNALS: Final = ("SIGINT", "SIGTERM", "SIGHUP")
 """Signals of Ctrl-C, of kill and timeout, and of a closed terminal."""
 
 
 @contextlib.contextmanager
-def handled(handler: Callable[[int, FrameType | None], object], *names: str) -> Iterator[None]:
+def handle_signals(handler: Callable[[int, FrameType | None], object], *names: str) -> Iterator[None]:
     """Handle signals by a function, except those ignored or missing on this system; only in the main thread."""
     here = threading.current_thread() is threading.main_thread()
     numbers = [getattr(signal, name) for name in names if here and hasattr(signal, name)]
@@ -72,7 +72,7 @@ def _is_importing(frame: FrameType | None) -> bool:
 
 
 @contextlib.contextmanager
-def stopping(*, patient: bool) -> Iterator[Callable[[], bool]]:
+def catch_stop_signals(*, patient: bool) -> Iterator[Callable[[], bool]]:
     """Count Ctrl-C and the other `STOP_SIGNALS` as a request to stop; yields whether there was one."""
     asked = False
 
@@ -82,5 +82,5 @@ def stopping(*, patient: bool) -> Iterator[Callable[[], bool]]:
             signal.default_int_handler(number, None)
         asked = True
 
-    with handled(ask, *ENDING):
+    with handle_signals(ask, *STOP_SIGNALS):
         yield lambda: asked

@@ -11,7 +11,7 @@ import click
 from flinders.cli import _options as option
 from flinders.cli import _program as program
 from flinders.cli._output import Outputs, say
-from flinders.errors import UsageError, counted
+from flinders.errors import UsageError, count_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from flinders.simulate import Simulated
 
 
-def several(count: int, what: str) -> Callable[[object], tuple[float, ...]]:
+def numbers_type(count: int, what: str) -> Callable[[object], tuple[float, ...]]:
     """Make the type of an option that takes `count` finite numbers separated by commas."""
 
     def numbers(value: object) -> tuple[float, ...]:
@@ -33,7 +33,7 @@ def several(count: int, what: str) -> Callable[[object], tuple[float, ...]]:
 
 def size_option(name: str, words: str, **more: Any) -> program.Field:
     """An option with a value in µT, 0 or above."""
-    size = program.within(0, sys.float_info.max, "0 or a number above it", zero=True)
+    size = program.number_within(0, sys.float_info.max, "0 or a number above it", zero=True)
     return program.member(name, type=size, metavar="UT", help=words, **more)
 
 
@@ -101,11 +101,11 @@ class Simulation(program.Group):
 def _summary(simulated: Simulated) -> str:
     """One line that describes the simulation."""
     samples, sensor = simulated.samples, simulated.sensor
-    parts = [f"simulated: {counted(len(samples), 'reading')}, {simulated.motion}"]
+    parts = [f"simulated: {count_text(len(samples), 'reading')}, {simulated.motion}"]
     if samples.time is not None and simulated.rate_hz:
         parts[0] += f", {len(samples) / simulated.rate_hz:g} s"
     offset = sensor.offset if samples.time is not None else sensor.offset[:2]  # a swing has two axes, no times
     parts.append(f"offset {math.hypot(*offset):.3g} µT, {sensor.noise:g} µT of noise")
     if outliers := int(simulated.outliers.sum()):
-        parts.append(counted(outliers, "outlier"))
+        parts.append(count_text(outliers, "outlier"))
     return "; ".join([*parts, *simulated.disturbances])

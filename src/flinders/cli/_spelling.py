@@ -28,11 +28,11 @@ def in_options(hint: Hint, commands: Sequence[click.Command] | None = None) -> s
     An option that the first command lacks is given with its command: ``flinders calibrate --unit``. Only ``--force`` is
     never taken from another command, as it would overwrite nothing of the first one.
 
-    `commands`: by default the `searched` commands for the one that runs.
+    `commands`: by default the `searched_commands` commands for the one that runs.
     """
     context = click.get_current_context(silent=True)
     if commands is None:
-        commands = searched(context.command, context.find_root().command) if context else ()
+        commands = searched_commands(context.command, context.find_root().command) if context else ()
     spelled: dict[str, list[str]] = {}
     for keyword, value in hint.items():
         asked = commands[:1] if keyword == "force" else commands
@@ -44,7 +44,7 @@ def in_options(hint: Hint, commands: Sequence[click.Command] | None = None) -> s
     return ", ".join(of + ", ".join(options) for of, options in sorted(spelled.items()))
 
 
-def searched(command: click.Command, program: click.Command) -> tuple[click.Command, ...]:
+def searched_commands(command: click.Command, program: click.Command) -> tuple[click.Command, ...]:
     """The commands that are searched for the options of a hint: `command`, and ``calibrate``."""
     calibrate = program.commands.get("calibrate") if isinstance(program, click.Group) else None
     return (command,) if calibrate is None else (command, calibrate)

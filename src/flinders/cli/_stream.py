@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from flinders.cli._inputs import in_use, refuse_calibrations, site_of
+from flinders.cli._inputs import load_for_recordings, refuse_calibrations, site_of
 from flinders.cli._output import bias_words, say
 from flinders.errors import UsageError
 
@@ -38,16 +38,16 @@ def open_log(
     from flinders.core.geomag import recorded_field
     from flinders.readers import open_recording
     from flinders.workflows.heading_stream import HeadingStream
-    from flinders.workflows.recordings import open_with, uncalibrated
+    from flinders.workflows.recordings import identity_fit, open_with
 
     _refuse_contradictions(place, accelerometer, formula, declination_deg)
     Axes.of(accelerometer.acceleration_axes)
     if place.place is not None and place.date is not None:
         site_of(place.place, place.date, model=place.model)  # refuses a bad place or day before the recording is read
     if calibration is None:
-        fit = uncalibrated(open_recording(recording, **reading))
+        fit = identity_fit(open_recording(recording, **reading))
     else:
-        fit = in_use(command, calibration, [recording], fixed)
+        fit = load_for_recordings(command, calibration, [recording], fixed)
     refuse_calibrations([recording])
     opened = open_with(fit, recording, once=True, **reading)
     site = None if place.place is None else site_of(place.place, place.date, opened, model=place.model)

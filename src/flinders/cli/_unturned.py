@@ -19,19 +19,19 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit
 
 
-def typed(
+def calibrate_typed(
     numbers: str, method_options: Iterable[str], reading: option.ReadingOptions, outputs: Outputs, asked: dict[str, Any]
 ) -> int:
     """``--minmax``: calibrate from six typed numbers, write the calibration and print its page."""
-    from flinders.cli.methods import parsed
+    from flinders.cli.methods import parse_options
     from flinders.core.axes import Axes
     from flinders.core.calibration_file import dumps
     from flinders.core.units import Unit
     from flinders.estimators.minmax import MinMax
     from flinders.fitting.axis_extremes import from_extremes
-    from flinders.report.fit_pages import of_extremes
+    from flinders.report.fit_pages import page_of_extremes
 
-    own = parsed(method_options, MinMax)
+    own = parse_options(method_options, MinMax)
     if own.pop("trim", False):
         raise UsageError("--option trim=yes needs readings, and --minmax has none: leave it out")
     outputs.check()
@@ -41,22 +41,24 @@ def typed(
     unit = Unit.of(reading.unit or "counts", reading.scale)
     extremes = from_extremes(values, unit=unit, axes=Axes.of(reading.axes), **asked, **own)
     outputs.write(dumps(extremes.to_document(provenance())), outputs.files[0].path)
-    outputs.print(extremes.as_dict, lambda: of_extremes(extremes, in_options))
+    outputs.print(extremes.as_dict, lambda: page_of_extremes(extremes, in_options))
     outputs.say_written("nothing was written: name a file with -o calibration.json")
     return LIMITED
 
 
-def bench(parts: Sequence[Recording], disturbances: tuple[str, ...], previous: str, outputs: Outputs) -> int:
+def calibrate_on_bench(
+    parts: Sequence[Recording], disturbances: tuple[str, ...], previous: str, outputs: Outputs
+) -> int:
     """Fit the disturbances of a sensor that was held still, and add them to a calibration of that sensor."""
-    from flinders.core.units import label
-    from flinders.estimators.static_bench import described
+    from flinders.core.units import unit_label
+    from flinders.estimators.static_bench import still_message
     from flinders.workflows.bench import fit_bench
 
     known = load("calibrate --previous", previous)
     _refuse_other_axes(known.calibration, parts, previous)
     found = fit_bench(list(parts), known, disturbances)
-    unit = label(parts[0].unit.inside)
-    say(described(found.still, unit))
+    unit = unit_label(parts[0].unit.inside)
+    say(still_message(found.still, unit))
     alone = "; with only that load" if len(found.residual_deg) > 1 else ""
     for disturbance in found.still.disturbances:
         left = figures(found.residual_deg[disturbance.name])

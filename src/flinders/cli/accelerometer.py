@@ -6,7 +6,7 @@ import shlex
 
 from flinders.cli import _options as option
 from flinders.cli import _program as program
-from flinders.cli._inputs import provenance, saying_what_was_read
+from flinders.cli._inputs import provenance, report_readings
 from flinders.cli._output import say
 
 
@@ -51,13 +51,13 @@ def command(options: Accelerometer) -> None:
     from flinders.core.inertial_record import dumps
     from flinders.estimators.data import CountedRecording
     from flinders.report.accelerometer_page import of_accelerometer
-    from flinders.workflows.accelerometer import accelerations_of, calibrate_accelerometer, open_acceleration
+    from flinders.workflows.accelerometer import calibrate_accelerometer, open_acceleration, read_accelerations
 
     outputs = options.checked_outputs()
     recording, is_field = open_acceleration(options.recording, options.columns)
     part = CountedRecording(recording)
-    with saying_what_was_read([part], is_field=False):
-        samples = accelerations_of(part, is_field=is_field)
+    with report_readings([part], is_field=False):
+        samples = read_accelerations(part, is_field=is_field)
         fit = calibrate_accelerometer(samples, gravity=options.gravity)
     if options.output:
         outputs.write(dumps(fit.document(provenance([part]))), options.output)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from flinders.cli import _options as option
 from flinders.cli import _program as program
-from flinders.cli._inputs import in_use, read_and_left_out, say_sensor
-from flinders.cli._output import print_json, progress, say, say_preparation, written
+from flinders.cli._inputs import load_for_recordings, read_and_left_out, say_sensor
+from flinders.cli._output import open_output, print_json, progress, say, say_preparation
 from flinders.cli._program import GOOD, LIMITED
 from flinders.cli._spelling import in_options
 
@@ -57,7 +57,7 @@ def command(options: Apply) -> int:
 
     calibration, recording = options.calibration, options.recording
     outputs = options.checked_outputs()
-    fit = in_use("apply", calibration, [recording], options.fixed)
+    fit = load_for_recordings("apply", calibration, [recording], options.fixed)
     with progress("correcting") as watch:
         source = open_with(
             fit, recording, sensor=options.sensor, once=True, progress=watch, **options.reading.as_dict()
@@ -67,7 +67,7 @@ def command(options: Apply) -> int:
         say_sensor(calibration, fit.calibration, source, options.sensor)
         stream = CorrectionStream.of(source, fit, by=options.by)
         is_live = not Path(recording).is_file()
-        with written(options.output, encoding=stream.encoding, force=options.force, live=is_live) as file:
+        with open_output(options.output, encoding=stream.encoding, force=options.force, live=is_live) as file:
             file.writelines(stream.lines(add=options.add))
     summary = stream.summary()
     _say(summary, source.source)

@@ -14,10 +14,10 @@ from flinders.cli._calibrate_options import TRACES, Calibrate
 from flinders.cli._inputs import (
     columns_in,
     likely_target,
-    opened,
+    open_recordings,
     provenance,
     refuse_others,
-    saying_what_was_read,
+    report_readings,
     walk_in,
 )
 from flinders.cli._output import plot_fit, print_fit, print_json, progress, refuse_report, say, show
@@ -66,11 +66,11 @@ def command(options: Calibrate) -> int:
     if options.sensors.sensor is None:
         refuse_others(recordings)
     asked = options.of_fit()
-    if options.sensors.are_all(recordings):
+    if options.sensors.calibrates_all(recordings):
         return _calibrate_each(options, asked)
     outputs = options.files.checked_outputs(*recordings)
     with progress("reading") as watch:
-        recording, asked["sensor"] = opened(
+        recording, asked["sensor"] = open_recordings(
             recordings,
             options.sensors.sensor,
             progress=watch,
@@ -85,25 +85,25 @@ def command(options: Calibrate) -> int:
         except NotTurned:
             if options.aiding.previous is None:
                 raise
-            from flinders.cli._unturned import bench
+            from flinders.cli._unturned import calibrate_on_bench
 
-            return bench(run.parts, asked["disturbances"], options.aiding.previous, outputs)
+            return calibrate_on_bench(run.parts, asked["disturbances"], options.aiding.previous, outputs)
         except FitError as refusal:
             refused: Fit | None = getattr(refusal, "fit", None)
             if refused is None or not options.estimation.even_if_refused:
                 raise
             return run.print_refused(refused, refusal)
     if options.estimation.linearize and fit.calibration.linearization is None:
-        from flinders.fitting.linearization import unchanged
+        from flinders.fitting.linearization import unchanged_reason
 
-        say(f"{unchanged(fit)}: --linearize changes nothing")
+        say(f"{unchanged_reason(fit)}: --linearize changes nothing")
     run.write(fit)
     return GOOD if fit.verdict == "good" else LIMITED
 
 
 def _calibrate_typed(options: Calibrate) -> int:
     """Calibrate from six typed numbers instead of a recording."""
-    from flinders.cli._unturned import typed
+    from flinders.cli._unturned import calibrate_typed
 
     files, estimation, reading = options.files, options.estimation, options.reading
     if files.exported:
@@ -125,7 +125,9 @@ def _calibrate_typed(options: Calibrate) -> int:
     useless = [name for name, value in of_readings.items() if value is not None]
     if useless:
         raise UsageError(f"{', '.join(useless)} needs readings, and --minmax has none: leave it out")
-    return typed(str(estimation.minmax), estimation.method_options, reading, files.outputs, options.of_extremes)
+    return calibrate_typed(
+        str(estimation.minmax), estimation.method_options, reading, files.outputs, options.of_extremes
+    )
 
 
 def _calibrate_each(options: Calibrate, asked: dict[str, Any]) -> int:
@@ -163,10 +165,10 @@ class _FitRun:
     """A fit of one sensor, from its recordings to its files; `asked` are the arguments by `Calibrate.of_fit`."""
 
     def __init__(self, recording: Recording, options: Calibrate, asked: dict[str, Any]) -> None:
-        from flinders.core.joining import singles
+        from flinders.core.joining import single_recordings
         from flinders.estimators.data import CountedRecording
 
-        self.parts = [CountedRecording(part) for part in singles(recording)]
+        self.parts = [CountedRecording(part) for part in single_recordings(recording)]
         self.options, self.files = options, options.files
         self.asked = asked
 
@@ -178,12 +180,12 @@ class _FitRun:
     @property
     def recording(self) -> Recording:
         """All recordings as one, filtered with ``--filter``."""
-        from flinders.core.joining import joined
-        from flinders.fitting.filtering import through
+        from flinders.core.joining import join_recordings
+        from flinders.fitting.filtering import filter_recordings
 
         if self.options.by is None:
-            return joined(self.parts)
-        return through(self.parts, self.options.by)
+            return join_recordings(self.parts)
+        return filter_recordings(self.parts, self.options.by)
 
     def run_fit(self) -> Fit:
         """Fit the recordings; after a refusal, write the reports and the convergence up to it."""
@@ -191,7 +193,7 @@ class _FitRun:
         from flinders.fitting.result import with_walk
 
         try:
-            with saying_what_was_read(self.parts):
+            with report_readings(self.parts):
                 fit = fit_filtered(self.parts, self.options.by, notice=say, **self.asked)
         except FitError as refusal:
             self._write_reports(refusal)
@@ -211,10 +213,10 @@ class _FitRun:
 
     def print_refused(self, refused: Fit, refusal: FitError) -> int:
         """Print a refusal with the numbers of the refused recipe, marked as such."""
-        from flinders.report.fit_pages import of_refused_recipe
+        from flinders.report.fit_pages import page_of_refused_recipe
 
         if not self.files.as_json:
-            show(of_refused_recipe(refused))
+            show(page_of_refused_recipe(refused))
         more = {"refused_calibration": refused.calibration.as_dict()}
         return print_error(refusal, as_json=self.files.as_json, more=more)
 

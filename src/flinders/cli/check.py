@@ -11,16 +11,16 @@ import click
 from flinders.cli import _options as option
 from flinders.cli import _program as program
 from flinders.cli._inputs import (
-    at_fixed,
-    in_use,
     is_calibration,
     load,
+    load_for_recordings,
     open_all_with,
-    opened,
+    open_recordings,
     refuse_calibration,
+    report_readings,
     say_exact,
-    saying_what_was_read,
     stated_site,
+    take_at_fixed,
     walk_in,
 )
 from flinders.cli._output import can_show, print_json, print_result, progress, say, show
@@ -120,7 +120,7 @@ def _age(options: Check) -> int:
     """Print the present heading error of a calibration, by its age."""
     from datetime import UTC, datetime
 
-    from flinders.report.check_page import of_aged
+    from flinders.report.check_page import page_of_aged
     from flinders.workflows.aging import age_of
 
     fit = load("check", str(options.calibration))
@@ -131,7 +131,7 @@ def _age(options: Check) -> int:
             f"{options.calibration} was made on {aged.since:%Y-%m-%d}, after {at:%Y-%m-%d}: give a later day",
             hint={"date": None},
         )
-    print_result(aged.as_dict, lambda: of_aged(aged), as_json=options.as_json)
+    print_result(aged.as_dict, lambda: page_of_aged(aged), as_json=options.as_json)
     return ANSWER_EXITS[aged.answer]
 
 
@@ -163,7 +163,7 @@ def _run_check(options: Check) -> Checked:
         known, parts = (_load_onboard if options.is_onboard else _load_inputs)(options, watch)
         if len(parts) == 1 and dip_deg is None:
             stated_site(parts[0], "--dip")
-        with saying_what_was_read(parts):
+        with report_readings(parts):
             return check(
                 Joined(tuple(parts)),
                 known,
@@ -176,7 +176,7 @@ def _run_check(options: Check) -> Checked:
 def _load_inputs(options: Check, watch: Progress | None) -> tuple[Fit, list[CountedRecording]]:
     """The calibration, and the recordings in its unit and axes."""
     path = str(options.calibration)
-    known = in_use("check", path, options.recordings, options.fixed)
+    known = load_for_recordings("check", path, options.recordings, options.fixed)
     reading = {"progress": watch, **options.reading.as_dict()}
     parts = open_all_with(path, known, options.recordings, sensor=options.sensor, **reading)
     say_exact(known)
@@ -194,13 +194,13 @@ def _load_onboard(options: Check, watch: Progress | None) -> tuple[Fit, list[Cou
             "calibration.json today.csv"
         )
     refuse_calibration(log, f"give a recording to check it on: flinders check {log} RECORDING")
-    recording, _ = opened([log], options.sensor, progress=watch, **options.reading.as_dict())
-    return at_fixed(onboard_fit(recording), options.fixed), [CountedRecording(recording)]
+    recording, _ = open_recordings([log], options.sensor, progress=watch, **options.reading.as_dict())
+    return take_at_fixed(onboard_fit(recording), options.fixed), [CountedRecording(recording)]
 
 
 def _print(checked: Checked, *, as_json: bool) -> None:
     """Print the page, or all results as JSON."""
-    from flinders.report.check_page import of_check
+    from flinders.report.check_page import page_of_check
 
     if checked.refusal is not None and as_json:
         print_error(checked.refusal, as_json=True, more=checked.as_dict(), exit_code=LIMITED)
@@ -208,20 +208,20 @@ def _print(checked: Checked, *, as_json: bool) -> None:
     if as_json:
         print_json(checked.as_dict())
         return
-    show(of_check(checked, in_options), err=checked.refusal is not None)
+    show(page_of_check(checked, in_options), err=checked.refusal is not None)
     if checked.random_walk is not None:
         click.echo(_drift_words(checked, checked.random_walk))
 
 
 def _drift_words(checked: Checked, walk: RandomWalk) -> str:
     """Drift of the offset in words, with a line of bars if the output can show them."""
-    from flinders.core.units import label
+    from flinders.core.units import unit_label
     from flinders.diagnostics.random_walk import BARS
 
     is_refused = checked.refusal is not None
     dip_deg = checked.dip_deg if is_refused else checked.fresh.heading_error_deg.dip_deg
-    unit = label(checked.fresh.calibration.unit)
+    unit = unit_label(checked.fresh.calibration.unit)
     words = walk.words(unit, level_deg=checked.target_deg, dip_deg=abs(dip_deg))
     has_bars = walk.is_proven and can_show(sys.stdout.encoding, BARS)
-    bars = f"\n{walk.drawn()}  0 to {walk.offset_change:.2g}" if has_bars else ""
+    bars = f"\n{walk.to_bars()}  0 to {walk.offset_change:.2g}" if has_bars else ""
     return f"drift{' under the calibration' if is_refused else ''}: {words}{bars}"

@@ -51,7 +51,7 @@ def command(options: Compare) -> int:
     used as if exact.
     """
     from flinders.comparison.comparison import compare
-    from flinders.report.comparison_pages import of_comparison
+    from flinders.report.comparison_pages import page_of_comparison
 
     first, second = options.first, options.second
     a, b = _load(first, second), _load(second, first)
@@ -60,7 +60,7 @@ def command(options: Compare) -> int:
     say_difference(a, b)
     if None not in (names := {a.calibration.sensor, b.calibration.sensor}) and len(names) > 1:
         say(f"{first} is for sensor {a.calibration.sensor!r}, {second} for {b.calibration.sensor!r}")
-    print_result(comparison.as_dict, lambda: of_comparison(comparison, in_options), as_json=options.as_json)
+    print_result(comparison.as_dict, lambda: page_of_comparison(comparison, in_options), as_json=options.as_json)
     return ANSWER_EXITS[comparison.answer]
 
 

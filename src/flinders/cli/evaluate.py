@@ -50,14 +50,14 @@ def command(options: Evaluate) -> int:
     is listed separately, and judged only if the calibration states it.
     """
     from flinders.comparison.evaluation import evaluate
-    from flinders.report.comparison_pages import of_evaluation
+    from flinders.report.comparison_pages import page_of_evaluation
 
     fit, truth = _load(options.calibration, options.truth)
     say_references(fit)
     evaluation = evaluate(fit, truth, dip_deg=options.dip_deg, target_deg=options.target_deg)
     if not fit.claim.states_uncertainty:
         say(f"{options.calibration} states no uncertainty to compare with the true error")
-    print_result(evaluation.as_dict, lambda: of_evaluation(evaluation), as_json=options.as_json)
+    print_result(evaluation.as_dict, lambda: page_of_evaluation(evaluation), as_json=options.as_json)
     faults = (not evaluation.is_on_target) + (evaluation.verdict == "worse than claimed")
     return (GOOD, LIMITED, REFUSED)[faults]
 

@@ -124,10 +124,10 @@ def _say(exported: Exported, *, is_hidden: bool, is_asked: bool) -> None:
         say(f"! {note}" if is_asked else note)
 
 
-def named(values: Sequence[str]) -> tuple[tuple[str, str], ...]:
+def split_exports(values: Sequence[str]) -> tuple[tuple[str, str], ...]:
     """Split the values of ``calibrate --export`` into targets and files; by default the file has the target's name.
 
-    >>> named(["json", "c:mag.h"]), named([])
+    >>> split_exports(["json", "c:mag.h"]), split_exports([])
     ((('json', 'json.json'), ('c', 'mag.h')), ())
     """
     from flinders.targets import find

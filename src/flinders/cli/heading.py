@@ -11,7 +11,7 @@ import click
 from flinders.cli import _options as option
 from flinders.cli import _program as program
 from flinders.cli._inputs import clock_start, read_and_left_out, say_sensor
-from flinders.cli._output import drawn, print_json, progress, say, say_preparation, written
+from flinders.cli._output import draw_page, open_output, print_json, progress, say, say_preparation
 from flinders.cli._program import GOOD, LIMITED
 from flinders.cli._spelling import in_options
 from flinders.cli._stream import open_log
@@ -36,7 +36,7 @@ class Heading(program.Group):
     accelerometer: option.Accelerometer = program.group(option.Accelerometer)
     sensor: str | None = option.sensor_of_calibration()
     declination_deg: float | None = program.member(
-        "--declination", heading=program.SITE, type=program.within(-180, 180, "degrees from -180 to 180"),
+        "--declination", heading=program.SITE, type=program.number_within(-180, 180, "degrees from -180 to 180"),
         metavar="DEG", help="Declination, east positive, if it is known from elsewhere.",
     )  # fmt: skip
     grid: bool = option.grid("Also give headings from grid north of the map: UTM, or UPS around the poles.")
@@ -73,7 +73,7 @@ def command(options: Heading) -> int:
     standard input, which may be endless: lines are written as they arrive.
     """
     from flinders.fitting.result import tilt_words
-    from flinders.report.heading_pages import of_headings
+    from flinders.report.heading_pages import page_of_headings
 
     outputs = options.checked_outputs()
     with progress("heading") as bar:
@@ -82,14 +82,14 @@ def command(options: Heading) -> int:
         say_sensor(options.calibration, log.fit.calibration, log.recording, options.sensor)
         lines = _lines(log)
         first = next(lines, "")  # errors of the input appear before the output is opened
-        with written(options.output, force=options.force, live=not Path(options.log).is_file()) as file:
+        with open_output(options.output, force=options.force, live=not Path(options.log).is_file()) as file:
             file.write(first)
             file.writelines(lines)
     summary = log.summary()
     correction = summary.correction
     say(f"{log.recording.source}: {read_and_left_out(correction.strength.readings, correction.skipped)}")
     say_preparation(correction.preparation)
-    say(drawn(of_headings(summary, in_options), sys.stderr))
+    say(draw_page(page_of_headings(summary, in_options), sys.stderr))
     if level := tilt_words(log.fit):
         say(f"! {level}")
     outputs.say_written()
@@ -144,8 +144,8 @@ def _rows(columns: dict[str, Floats]) -> str:
     """Lines of a block. Headings are rounded before they are wrapped, so that 360.000 is never written."""
     import numpy as np
 
-    from flinders.geometry.angles import wrapped
+    from flinders.geometry.angles import wrap_360
 
-    rounded = [wrapped(np.round(values, 3)) if "heading" in name else values for name, values in columns.items()]
+    rounded = [wrap_360(np.round(values, 3)) if "heading" in name else values for name, values in columns.items()]
     form = ",".join(FORMATS.get(name, "%.3f") for name in columns) + "\n"
     return "".join(form % tuple(row) for row in np.column_stack(rounded).tolist())

@@ -8,10 +8,10 @@ import click
 
 from flinders.cli import _options as option
 from flinders.cli import _program as program
-from flinders.cli._inputs import of_content, provenance
+from flinders.cli._inputs import provenance, source_file_of_content
 from flinders.cli._output import cost_words, print_json, say, strength_words
 from flinders.cli.targets import NamingTargets
-from flinders.core.units import label
+from flinders.core.units import unit_label
 from flinders.errors import ArrayError, DocumentError, UsageError, figures
 
 if TYPE_CHECKING:
@@ -123,7 +123,7 @@ def _provenance(content: bytes, file: str, name: str, compass: int | None) -> Pr
         return None
     number, device = target.reader.which(content, file, compass)
     autopilot = "px4" if target.family == "px4" else "ardupilot"
-    source = of_content(printable(file), content, autopilot=autopilot, compass=number, device_id=device)
+    source = source_file_of_content(printable(file), content, autopilot=autopilot, compass=number, device_id=device)
     return provenance(files=[source])
 
 
@@ -139,7 +139,7 @@ def _words(file: str, name: str, calibration: Calibration) -> list[str]:
 
     if find(name).keeps in ("rotation", "axes"):
         return [f"{file}: {name}, a mounting only: it rotates readings, and corrects none"]
-    unit = label(calibration.unit)
+    unit = unit_label(calibration.unit)
     offset = ", ".join(figures(value, 4) for value in calibration.offset)
     words = [f"{file}: {name}, for readings in {calibration.raw.name}; offset {offset} {unit}"]
     if not calibration.field_strength_known:

@@ -51,7 +51,7 @@ def command(options: Info) -> None:
     """
     from flinders.core.plugins import other_contents
     from flinders.readers import open_log
-    from flinders.report.recording import commands_for, of_contents
+    from flinders.report.recording import commands_for, page_of_contents
     from flinders.workflows.recording_contents import contents
 
     other = other_contents(options.log)
@@ -67,11 +67,11 @@ def command(options: Info) -> None:
         held = contents(
             log, topic=reading.topic, columns=columns, unit=unit, chip=options.chip, site=site, spell=in_options
         )
-    typed = [word for each in reading.typed().items() for word in _words(*each)]
+    typed = [word for each in reading.typed_options().items() for word in _words(*each)]
     held = replace(held, commands=commands_for(options.log, held.sensors, typed))
     if options.grid and held.site is None:
         raise UsageError(f"grid north needs a place, and {options.log} states none: give --at LAT,LON")
-    print_result(held.as_dict, lambda: of_contents(held, grid=options.grid), as_json=options.as_json)
+    print_result(held.as_dict, lambda: page_of_contents(held, grid=options.grid), as_json=options.as_json)
     if other is not None:
         say(other.instead)
 

@@ -49,7 +49,7 @@ def command(options: Merge) -> int:
     from flinders.core.calibration_file import dumps
     from flinders.fitting.fit_json import json_of
     from flinders.fitting.result import document_of
-    from flinders.report.fit_pages import of_fit
+    from flinders.report.fit_pages import page_of_fit
 
     outputs = options.checked_outputs()
     if "-" in options.calibrations:
@@ -57,6 +57,6 @@ def command(options: Merge) -> int:
     parts = [load("merge", path) for path in options.calibrations]
     merged = merge(parts, target_deg=options.target_deg, dip_deg=options.dip_deg)
     outputs.write(dumps(document_of(merged, provenance(files=source_files(parts)))), options.output)
-    outputs.print(lambda: json_of(merged), lambda: of_fit(merged, in_options))
+    outputs.print(lambda: json_of(merged), lambda: page_of_fit(merged, in_options))
     outputs.say_written("nothing was written: name a file with -o merged.json")
     return EXITS[merged.verdict]

@@ -3,7 +3,7 @@
 >>> from flinders.estimators import METHODS
 >>> list_options(METHODS["minmax"])
 {'variant': ('mean', 'largest', 'full-range'), 'trim': ('no', 'yes')}
->>> parsed(["variant=largest", "trim=yes"], METHODS["minmax"])
+>>> parse_options(["variant=largest", "trim=yes"], METHODS["minmax"])
 {'variant': 'largest', 'trim': True}
 """
 
@@ -42,7 +42,7 @@ Example:
 def command(options: Methods) -> None:
     """List the methods of estimation and when to use each."""
     from flinders.estimators import ROWS
-    from flinders.report.comparison_pages import of_methods
+    from flinders.report.comparison_pages import page_of_methods
 
     values = {name: list_options(row.kind) for name, row in ROWS.items()}
     fields = {
@@ -54,7 +54,7 @@ def command(options: Methods) -> None:
         }
         for name, row in ROWS.items()
     }
-    print_result(lambda: fields, lambda: of_methods(ROWS, values), as_json=options.as_json)
+    print_result(lambda: fields, lambda: page_of_methods(ROWS, values), as_json=options.as_json)
 
 
 BOOLEAN_WORDS: Final = {"no": False, "yes": True, "false": False, "true": True}
@@ -66,7 +66,7 @@ def list_options(method: type[Estimator]) -> dict[str, tuple[str, ...]]:
     return {field.name: _values(field.default, get_args(hints[field.name])) for field in _fields(method)}
 
 
-def parsed(words: Iterable[str], method: type[Estimator]) -> dict[str, Any]:
+def parse_options(words: Iterable[str], method: type[Estimator]) -> dict[str, Any]:
     """Read ``NAME=VALUE`` as options of a method."""
     defaults = {field.name: field.default for field in _fields(method)}
     options: dict[str, Any] = {}
@@ -86,9 +86,9 @@ def parsed(words: Iterable[str], method: type[Estimator]) -> dict[str, Any]:
 
 def _fields(method: type[Estimator]) -> list[dataclasses.Field[Any]]:
     """Options of a method, except those of the site, which have ``--dip`` and ``--field-strength``."""
-    from flinders.estimators.base import OF_SITE
+    from flinders.estimators.base import SITE_OPTIONS
 
-    return [field for field in dataclasses.fields(cast("Any", method)) if field.name not in OF_SITE]
+    return [field for field in dataclasses.fields(cast("Any", method)) if field.name not in SITE_OPTIONS]
 
 
 def _values(default: object, choices: tuple[object, ...]) -> tuple[str, ...]:

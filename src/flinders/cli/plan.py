@@ -43,7 +43,7 @@ class PlanOptions(program.Group):
         "--seconds", type=program.positive, metavar="S", help="How long to record [default: as long as it takes]."
     )
     tilt_deg: float | None = program.member(
-        "--tilt", type=program.within(0, 180, "degrees from 0 to 180", zero=True), metavar="DEG",
+        "--tilt", type=program.number_within(0, 180, "degrees from 0 to 180", zero=True), metavar="DEG",
         help="How far the body can be tilted [default: the body's usual].",
     )  # fmt: skip
     aiding: tuple[str, ...] = program.member(

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Any, Final
 
 from flinders.cli import _options as option
 from flinders.cli import _program as program
-from flinders.cli._calibrate_options import SiteOptions, recorded
+from flinders.cli._calibrate_options import SiteOptions, split_recorded_names
 from flinders.cli._inputs import (
     clock_start,
     load,
     provenance,
     refuse_calibrations,
+    report_readings,
     say_sensor,
-    saying_what_was_read,
     site_of,
 )
 from flinders.cli._output import refuse_twice, say
@@ -52,7 +52,7 @@ class Refresh(program.Group):
     )  # fmt: skip
     soft_iron_sigma: float = program.member(
         "--soft-iron-sigma", heading=program.METHOD, metavar="SHARE", default=0.0, show_default=True,
-        type=program.within(0, 0.5, "a share from 0 to 0.5, such as 0.005", zero=True),
+        type=program.number_within(0, 0.5, "a share from 0 to 0.5, such as 0.005", zero=True),
         help="Possible change of the soft iron, 1 σ.",
     )  # fmt: skip
     headings: str | None = program.member(
@@ -76,7 +76,7 @@ class Refresh(program.Group):
         help="Speed over ground below which a course is not used.",
     )  # fmt: skip
     crab_deg: float = program.member(
-        "--crab", heading=program.SITE, type=program.within(0, 45, "degrees from 0 to 45", zero=True), default=2.0,
+        "--crab", heading=program.SITE, type=program.number_within(0, 45, "degrees from 0 to 45", zero=True), default=2.0,
         show_default=True, metavar="DEG", help="Angle between course and heading due to wind or current, 1 σ.",
     )  # fmt: skip
     place: str | None = program.same_as(SiteOptions, "place")
@@ -120,7 +120,7 @@ def command(options: Refresh) -> int:
     from flinders.core.calibration_file import dumps
     from flinders.fitting.fit_json import json_of
     from flinders.fitting.result import document_of, with_walk
-    from flinders.report.fit_pages import of_fit
+    from flinders.report.fit_pages import page_of_fit
 
     outputs = options.checked_outputs(*options.recordings)
     refuse_twice(options.recordings)
@@ -128,10 +128,10 @@ def command(options: Refresh) -> int:
     refuse_calibrations(options.recordings)
     opened = [_open(path, previous, options) for path in options.recordings]
     _refuse_known(options.previous, previous, opened)
-    with saying_what_was_read(opened):
+    with report_readings(opened):
         fit = with_walk(_run_refresh(opened, previous, options), previous.provenance.walk)
     outputs.write(dumps(document_of(fit, provenance(opened, files=previous.provenance.files))), options.output)
-    outputs.print(lambda: json_of(fit), lambda: of_fit(fit, in_options))
+    outputs.print(lambda: json_of(fit), lambda: page_of_fit(fit, in_options))
     outputs.say_written("nothing was written: name a file with -o refreshed.json")
     return EXITS[fit.verdict]
 
@@ -148,9 +148,9 @@ def _open(path: str, previous: Fit, options: Refresh) -> CountedRecording:
 
 def _refuse_known(path: str, previous: Fit, opened: list[CountedRecording]) -> None:
     """Refuse a recording that the earlier calibration was made from, as double counting would understate the error."""
-    from flinders.workflows.recordings import made_from
+    from flinders.workflows.recordings import own_recordings
 
-    if names := made_from(previous, opened):
+    if names := own_recordings(previous, opened):
         raise UsageError(
             f"{path} was made from {' and '.join(names)}: readings counted twice would understate the error; "
             "record again after the change"
@@ -215,7 +215,7 @@ def _courses(recording: Any, path: str | None) -> tuple[TimeSeries, object]:  # 
                 f"the times of {recording.source} do not count from 1970, as those of {log.source}: record both with "
                 "the clock of one computer"
             )
-        return log.by_clock(start), log
+        return log.velocity_on_clock(start), log
     if (velocity := getattr(recording, "velocity", None)) is None:
         raise UsageError(
             f"{recording.source} has no speed and course from satellites: give a log with them, "
@@ -246,7 +246,7 @@ def _magnetic_headings(options: Refresh, recording: object) -> list[float]:
 
 def _aiding(names: tuple[str, ...]) -> tuple[str, ...]:
     """The aiding sensors named by ``--with``."""
-    aiding, disturbances = recorded(names)
+    aiding, disturbances = split_recorded_names(names)
     if disturbances or "auto" in aiding:
         raise UsageError(
             f"--with {','.join(names)}: a refresh takes rate, dip, tilt and attitude, each by its name; disturbances "
@@ -265,4 +265,4 @@ def _site(options: Refresh, recording: object) -> Site | None:
     from flinders.likelihood.site_field import Site
 
     site = SiteOptions(place=options.place, date=options.date, model=options.model, gain_sigma=None)
-    return Site.stated(site.typed_site() or site.told_by(recording), inclination_deg=options.dip_deg)
+    return Site.merge_stated(site.typed_site() or site.told_by(recording), inclination_deg=options.dip_deg)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from flinders.cli import _options as option
 from flinders.cli import _program as program
-from flinders.cli._inputs import load, open_all_with, saying_what_was_read
+from flinders.cli._inputs import load, open_all_with, report_readings
 from flinders.cli._output import print_json, progress, refuse_report, say
 from flinders.cli._spelling import in_options
 from flinders.errors import UsageError
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit
     from flinders.report.html import Listing
     from flinders.workflows.onboard import OnboardCheck
-    from flinders.workflows.restoring import Restored
+    from flinders.workflows.restoring import RestoredFit
 
 
 class Report(program.Group):
@@ -62,7 +62,7 @@ class Report(program.Group):
             refuse_report(self.path, "-o")
         self.checked_outputs()
 
-    def restore_fit(self) -> Restored:
+    def restore_fit(self) -> RestoredFit:
         """Load the calibration with its recordings, and print notes on both."""
         from flinders.core.joining import Joined
         from flinders.workflows.restoring import restore
@@ -72,7 +72,7 @@ class Report(program.Group):
         reading = {"columns": self.columns, **self.part.as_dict()}
         with progress("reading") as watch:
             parts = open_all_with(path, loaded, self.recordings, sensor=self.sensor, progress=watch, **reading)
-            with saying_what_was_read(parts):
+            with report_readings(parts):
                 found = restore(Joined(tuple(parts)), loaded, target_deg=self.target_deg, dip_deg=self.dip_deg)
         for note in found.notes:
             say(f"! {note.words(in_options)}")
@@ -97,7 +97,7 @@ def command(options: Report) -> None:
     """
     from flinders.core.calibration_file import read
     from flinders.report.html import listings_of, page
-    from flinders.report.pdf import browser, printed
+    from flinders.report.pdf import browser, print_pdf
     from flinders.workflows.onboard import judge_onboard
 
     options.check()
@@ -118,7 +118,7 @@ def command(options: Report) -> None:
     if path and path != "-":
         say(f"report written to {path}")
     if pdf:
-        outputs.write(printed(text, program), pdf)
+        outputs.write(print_pdf(text, program), pdf)
         say(f"report printed to {pdf}")
     if options.as_json:
         print_json({"report": path, "pdf": pdf, "verdict": found.fit.verdict, "notes": notes})

@@ -38,7 +38,7 @@ def command(options: Show) -> None:
     from flinders.core.calibration_file import dumps
     from flinders.core.plugins import other_contents
     from flinders.fitting.result import document_of
-    from flinders.report.fit_pages import of_file
+    from flinders.report.fit_pages import page_of_file
 
     other = other_contents(options.calibration)
     if other is not None and not other.is_one_recording:
@@ -48,6 +48,6 @@ def command(options: Show) -> None:
     if options.as_json:
         click.echo(dumps(document_of(fit)), nl=False)
         return
-    show(of_file(fit, in_options, is_verbose=options.verbose))
+    show(page_of_file(fit, in_options, is_verbose=options.verbose))
     path, target = options.calibration, likely_target(fit.provenance.files)
     say(f"use it: flinders apply {path} raw.csv; flinders export --for {target} {path}")

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from flinders.simulate import Perturbation, Sensor, Simulated
 
-from flinders.cli._simulation import Simulation, several, size_option
+from flinders.cli._simulation import Simulation, numbers_type, size_option
 
 MOTIONS: Final = {
     "hand": "tumbled by hand for a minute, smooth in time",
@@ -44,7 +44,7 @@ DEFAULT_SOFT_IRON, DEFAULT_HARD_IRON_UT, DEFAULT_NOISE_UT = 0.25, 100.0, 0.5
 
 def _share(name: str, words: str) -> program.Field:
     """An option with a share of the readings."""
-    share = program.within(0, 1, "a share of the readings, 0 to 1", zero=True)
+    share = program.number_within(0, 1, "a share of the readings, 0 to 1", zero=True)
     return program.member(name, type=share, default=0.0, metavar="SHARE", help=words)
 
 
@@ -62,14 +62,14 @@ class ThreeAxis(Simulation):
         "--rate", type=program.positive, default=50.0, show_default=True, metavar="HZ", help="Readings per second."
     )
     tilt_deg: float | None = program.member(
-        "--tilt", type=program.within(0, 90, "degrees from 0 to 90", zero=True), metavar="DEG",
+        "--tilt", type=program.number_within(0, 90, "degrees from 0 to 90", zero=True), metavar="DEG",
         help="Greatest tilt of tilted, drive and flight.",
     )  # fmt: skip
     sensor: str | None = program.member(
         "--sensor", metavar="TRUTH", help="Use the sensor of another simulated recording, from its truth."
     )
     soft_iron: float | None = program.member(
-        "--soft-iron", type=program.within(0, 0.45, "a share from 0 to 0.45", zero=True), metavar="SHARE",
+        "--soft-iron", type=program.number_within(0, 0.45, "a share from 0 to 0.45", zero=True), metavar="SHARE",
         help=f"Scales are drawn within ± this share of 1 [default: {DEFAULT_SOFT_IRON:g}].",
     )  # fmt: skip
     hard_iron: float | None = size_option(
@@ -88,12 +88,12 @@ class ThreeAxis(Simulation):
     drift: float | None = size_option("--drift", "Drift of the offset, in µT per kelvin; adds the temperature column.")
     step: float | None = size_option("--step", "Step of the offset half way, in µT, as after a change of the vehicle.")
     field_step: float | None = program.member(
-        "--field-step", type=program.within(-0.99, 10.0, "a share from -0.99 to 10, such as -0.1"), metavar="SHARE",
+        "--field-step", type=program.number_within(-0.99, 10.0, "a share from -0.99 to 10, such as -0.1"), metavar="SHARE",
         help="Relative change of the earth's field from half way on.",
     )  # fmt: skip
     magnet: float | None = size_option("--magnet", "Peak field in µT of a magnet that passes after a third.")
     gyro_bias: tuple[float, ...] | None = program.member(
-        "--gyro-bias", type=several(3, "three numbers, such as 0.01,0,-0.02"), metavar="X,Y,Z",
+        "--gyro-bias", type=numbers_type(3, "three numbers, such as 0.01,0,-0.02"), metavar="X,Y,Z",
         help="Bias of the gyro, in rad/s.",
     )  # fmt: skip
     magnetometer_only: bool = program.flag("--magnetometer-only", "Leave out acceleration and rate.")

@@ -83,10 +83,12 @@ def command(options: Targets) -> None:
 
 def print_targets(*, as_json: bool) -> None:
     """Print the table of targets."""
-    from flinders.report.comparison_pages import of_targets
+    from flinders.report.comparison_pages import page_of_targets
     from flinders.targets import registry
 
     rows = registry()
     print_result(
-        lambda: {name: row.as_dict() for name, row in rows.items()}, lambda: of_targets(rows.values()), as_json=as_json
+        lambda: {name: row.as_dict() for name, row in rows.items()},
+        lambda: page_of_targets(rows.values()),
+        as_json=as_json,
     )

@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from flinders.arrays import runs
+from flinders.arrays import true_runs
 from flinders.geometry.angles import deflection_deg
 
 if TYPE_CHECKING:
@@ -125,7 +125,7 @@ def disagreements(
     return tuple(_merge_blocks(blamed, time, edges, apart, lengths, dip_deg))
 
 
-def scatter(seen: Floats, directions: Floats, time: Floats) -> Floats:
+def usual_scatter(seen: Floats, directions: Floats, time: Floats) -> Floats:
     """(m,) usual standard deviation of a component of readings averaged over 1 s, as a share of the field.
 
     It comes from the median, so that a stretch in which a sensor deviates has no effect.
@@ -213,7 +213,7 @@ def _has_changed_nearby(differ: NDArray[np.bool_], lengths: Floats, limit: float
     """(m, K) whether the length of a sensor changes anywhere in the stretch of disagreement around a block."""
     changed = _has_unusual_length(lengths, limit)
     has_changed = np.zeros_like(changed)
-    for run in runs(differ.any(axis=(0, 1))):
+    for run in true_runs(differ.any(axis=(0, 1))):
         has_changed[:, run] = changed[:, run].any(axis=1, keepdims=True)
     return has_changed
 
@@ -259,7 +259,7 @@ def _merge_blocks(
     )
     for each in who:
         sensor, is_by_length = each
-        for run in runs([each in those for those in blamed]):
+        for run in true_runs([each in those for those in blamed]):
             first, last = int(edges[run.start]), int(edges[run.stop]) - 1
             farthest = float(np.nanmax(_distances(apart[..., run], sensor)))
             length = lengths[:, run] if sensor is None else lengths[sensor, run]

@@ -2,7 +2,7 @@
 
 >>> import numpy as np
 >>> fields = np.random.default_rng(1).normal(size=(2, 100, 3))
->>> copies_of(np.stack([fields[0], fields[1], 2.0 * fields[0]]), [None, None, None], 0)
+>>> find_copies(np.stack([fields[0], fields[1], 2.0 * fields[0]]), [None, None, None], 0)
 {2: 0}
 """
 
@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Final, cast
 
 import numpy as np
 
-from flinders.core.joining import in_memory
-from flinders.core.time_alignment import Paired, affine_residuals, paired
+from flinders.core.joining import read_into_memory
+from flinders.core.time_alignment import AlignedReadings, affine_residuals, align_readings
 from flinders.errors import InputError, UsageError
-from flinders.estimators import Readings, within_range
-from flinders.estimators.multi_sensor import FEWEST
+from flinders.estimators import Readings, remove_saturated
+from flinders.estimators.multi_sensor import MIN_TIMES
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -29,7 +29,7 @@ MAX_COPY_NOISE_RATIO: Final = 0.1
 """Largest residual of an affine map between readings of two sensors, over their noise, if they are of one sensor."""
 
 
-def checked_reference(sources: Mapping[str, Recording], reference: str | None, field_strength: float | None) -> str:
+def require_reference(sources: Mapping[str, Recording], reference: str | None, field_strength: float | None) -> str:
     """Name of the reference, after a check that the sensors can be combined."""
     names = list(sources)
     if len(names) < 2:
@@ -42,12 +42,12 @@ def checked_reference(sources: Mapping[str, Recording], reference: str | None, f
     return names[0] if reference is None else reference
 
 
-def in_order(source: Recording) -> Samples:
+def sorted_readings(source: Recording) -> Samples:
     """All readings that are not at a rail, in the order of time."""
-    readings = within_range(Readings.of(source))
-    readings.require(FEWEST, "together")
+    readings = remove_saturated(Readings.of(source))
+    readings.require(MIN_TIMES, "together")
     recording = cast("Recording", readings.recording)
-    samples = in_memory(recording)
+    samples = read_into_memory(recording)
     if samples.time is None:
         return samples
     known = np.flatnonzero(np.isfinite(samples.time))
@@ -55,17 +55,17 @@ def in_order(source: Recording) -> Samples:
     return samples[order.tolist()] if len(order) < len(samples) or np.any(np.diff(order) < 0) else samples
 
 
-def at_common_moments(samples: Sequence[Samples], reference: int) -> Paired:
+def pair_readings(samples: Sequence[Samples], reference: int) -> AlignedReadings:
     """Readings of all sensors at common times."""
     times = [each.time for each in samples if each.time is not None]
     fields = [each.field for each in samples]
     if len(times) == len(samples):
-        common = paired(times, fields, reference=reference)
-        if len(common.time) < FEWEST:
+        common = align_readings(times, fields, reference=reference)
+        if len(common.time) < MIN_TIMES:
             spans = "; ".join(f"{each.source}: {time[0]:.1f} to {time[-1]:.1f} s" for each, time in
                               zip(samples, times, strict=True) if len(time))  # fmt: skip
             raise InputError(
-                f"{len(common.time)} moments are common to two magnetometers, {FEWEST} are needed ({spans}): "
+                f"{len(common.time)} moments are common to two magnetometers, {MIN_TIMES} are needed ({spans}): "
                 "record them at the same time, with one clock"
             )
         return common
@@ -74,10 +74,10 @@ def at_common_moments(samples: Sequence[Samples], reference: int) -> Paired:
         lack = "some have time and some have none" if times else f"without time they have {sorted(lengths)} readings"
         raise UsageError(f"readings of several magnetometers are matched by time: {lack}; record time")
     zero = np.zeros(len(fields))
-    return Paired(np.arange(lengths.pop(), dtype=float), np.stack(fields), zero, zero)
+    return AlignedReadings(np.arange(lengths.pop(), dtype=float), np.stack(fields), zero, zero)
 
 
-def copies_of(fields: Floats, starts: Sequence[Estimate | None], reference: int) -> dict[int, int]:
+def find_copies(fields: Floats, starts: Sequence[Estimate | None], reference: int) -> dict[int, int]:
     """Original of each sensor that repeats the readings of another, rotated and scaled; never for the reference."""
     order = [reference, *(place for place in range(len(fields)) if place != reference)]
     copies: dict[int, int] = {}
@@ -91,7 +91,7 @@ def copies_of(fields: Floats, starts: Sequence[Estimate | None], reference: int)
 def _is_copy(first: Floats, second: Floats, start: Estimate | None) -> bool:
     """Whether an affine map of one sensor's readings gives the other's far better than its noise allows."""
     left = affine_residuals(first, second)
-    if len(left) < FEWEST:
+    if len(left) < MIN_TIMES:
         return False
     there = second[np.isfinite(first).all(axis=1) & np.isfinite(second).all(axis=1)]
     width = float(np.sqrt(np.mean(np.var(there, axis=0))))

@@ -25,21 +25,21 @@ from typing import TYPE_CHECKING, Any, Final, Literal, Self
 import numpy as np
 
 from flinders.comparison.pairs import EllipsoidPairs, Pairs
-from flinders.comparison.results import printed, with_bound
+from flinders.comparison.results import json_attributes, with_bound
 from flinders.comparison.rotation_difference import RotationDifference
 from flinders.core.calibration import Calibration
-from flinders.core.keywords import spell_checked
-from flinders.core.notebook import as_table
-from flinders.core.units import label
+from flinders.core.keywords import check_keywords
+from flinders.core.notebook import html_table
+from flinders.core.units import unit_label
 from flinders.errors import AxesError, UnitError, UsageError, figures
-from flinders.geometry.ellipsoid import Ellipsoid, symmetric
-from flinders.geometry.plane import IN_PLANE, to_equator
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric_matrix
+from flinders.geometry.plane import PLANE_PARAMETERS, equator_matrix
 from flinders.geometry.rotation import rotation_vectors
 from flinders.geometry.sphere import fibonacci
 from flinders.heading.error_propagation import HeadingError, level_bound_deg
 from flinders.native.engine import engine
-from flinders.native.layouts import limit
-from flinders.summary.pooling import chance_of
+from flinders.native.layouts import defined_value
+from flinders.summary.pooling import p_value_of
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -48,14 +48,14 @@ if TYPE_CHECKING:
 
 Wider = Literal["a", "b"]
 
-CHANCE: Final = limit("CHANCE")
+MAX_P_VALUE: Final = defined_value("CHANCE")
 """Largest p-value of a significant difference."""
 
 DIRECTIONS: Final = fibonacci(400).T
 """(3, 400) unit vectors, over which the direction difference is computed."""
 
 
-ONE_SIDED_SIGMAS: Final = limit("ONE_SIDED")
+ONE_SIDED_SIGMAS: Final = defined_value("ONE_SIDED")
 """Standard deviations that a normal error exceeds on one side with a probability of 5 %."""
 
 MAX_ROUNDING_DEG: Final = 1e-6
@@ -95,7 +95,7 @@ class Comparison:
     def _repr_html_(self) -> str:
         """HTML table for a notebook."""
         found, claimed, p_value = self.heading_difference_deg, self.claimed_deg, self.p_value
-        offset = f"{figures(math.hypot(*self.offset_difference))} {label(self.unit)}"
+        offset = f"{figures(math.hypot(*self.offset_difference))} {unit_label(self.unit)}"
         rows = [
             ("heading, rms", _degrees(found.rms), "" if claimed is None else _degrees(claimed.rms)),
             ("heading, worst", _degrees(found.worst), "" if claimed is None else _degrees(claimed.worst)),
@@ -103,7 +103,7 @@ class Comparison:
         ]
         chance = "no covariance is stated" if p_value is None else f"by chance as much with p = {p_value:.2g}"
         words = [f"target {self.target_deg:g}°; {chance}"]
-        return as_table(f"Comparison: {self.answer}", ("", "difference", "1 σ claimed"), rows, words)
+        return html_table(f"Comparison: {self.answer}", ("", "difference", "1 σ claimed"), rows, words)
 
     @property
     def offset_share(self) -> float:
@@ -119,7 +119,7 @@ class Comparison:
     @property
     def p_value(self) -> float | None:
         """Probability of a difference as large by chance; None if neither states a covariance."""
-        return None if self.chi_square is None else chance_of(self.chi_square, self.freedom)
+        return None if self.chi_square is None else p_value_of(self.chi_square, self.freedom)
 
     @property
     def answer(self) -> Answer:
@@ -155,7 +155,7 @@ class Comparison:
             return False
         if self.rotation.p_value is None:
             return self.p_value is None and self.rotation.angle_deg > MAX_ROUNDING_DEG
-        return self.rotation.p_value < CHANCE
+        return self.rotation.p_value < MAX_P_VALUE
 
     @property
     def worst_deg(self) -> float:
@@ -166,12 +166,12 @@ class Comparison:
         return worst + self.rotation.heading_deg(self.heading_difference_deg.dip_deg)
 
     @property
-    def largest_deg(self) -> float:
+    def upper_bound_deg(self) -> float:
         """Upper limit of the heading difference with a probability of 95 %: the difference plus its bound."""
         return self.worst_deg + (self.claimed_bound_deg or 0.0)
 
     @property
-    def telling_bound_deg(self) -> float | None:
+    def required_bound_deg(self) -> float | None:
         """Widest bound (95 %) with which this difference could be decided; None if it is decided."""
         if self.answer != "cannot-tell" or self.claimed_deg is None or self.claimed_bound_deg is None:
             return None
@@ -188,7 +188,7 @@ class Comparison:
         return "a" if self.own_bounds_deg[0] > self.own_bounds_deg[1] else "b"
 
     @property
-    def is_nothing(self) -> bool:
+    def is_identical(self) -> bool:
         """Whether both are the same calibration except for rounding."""
         scale = abs(self.scale_difference) if self.is_scale_known else 0.0
         apart = max(math.radians(self.direction_difference_deg), self.offset_share, scale)
@@ -203,11 +203,11 @@ class Comparison:
                 mean=self.heading_mean_deg, dip_deg=heading.dip_deg, target_deg=self.target_deg
             ),
             "claimed_deg": with_bound(self.claimed_deg, self.claimed_bound_deg),
-            **printed(self, "largest_deg", "telling_bound_deg", "wider_claim"),
-            **printed(self, "ratio", "chi_square", "freedom", "p_value", "direction_difference_deg"),
-            **printed(self, "offset_difference", "offset_sigma", "offset_share", "unit", "scale_difference"),
+            **json_attributes(self, "largest_deg", "telling_bound_deg", "wider_claim"),
+            **json_attributes(self, "ratio", "chi_square", "freedom", "p_value", "direction_difference_deg"),
+            **json_attributes(self, "offset_difference", "offset_sigma", "offset_share", "unit", "scale_difference"),
             "is_scale_known": self.is_scale_known,
-            **({} if self.rotation is None else printed(self, "rotation")),
+            **({} if self.rotation is None else json_attributes(self, "rotation")),
             **({} if self.omitted_rotation_deg is None else {"omitted_rotation_deg": self.omitted_rotation_deg}),
         }
 
@@ -216,15 +216,15 @@ class Comparison:
         chance = "no uncertainty stated" if self.p_value is None else f"p = {self.p_value:.2g}"
         return (
             f"Comparison({self.answer}, heading {heading.rms:.2g}° rms, {heading.worst:.2g}° worst, {chance}, "
-            f"offset {math.hypot(*self.offset_difference):.3g} {label(self.unit)})"
+            f"offset {math.hypot(*self.offset_difference):.3g} {unit_label(self.unit)})"
         )
 
 
 @dataclass(frozen=True, slots=True)
-class Strength:
+class LengthSums:
     """Statistics of the lengths of corrected readings, as fractions of the calibration's field, in sums that add.
 
-    >>> Strength.of(np.array([0.9, 1.1])) + Strength.of(np.array([1.0, 1.0]))
+    >>> LengthSums.of(np.array([0.9, 1.1])) + LengthSums.of(np.array([1.0, 1.0]))
     Strength(mean=1.000, spread=7.1%, readings=4)
     """
 
@@ -239,7 +239,7 @@ class Strength:
         return cls(len(lengths), float(excess.sum()), float(excess @ excess))
 
     @classmethod
-    def under(cls, calibration: Calibration, field: Floats) -> Self:
+    def of_corrected(cls, calibration: Calibration, field: Floats) -> Self:
         """Correct (N, 3) raw readings, in the calibration's unit and axes, and sum up their lengths."""
         with np.errstate(over="ignore"):
             return cls.of(np.linalg.norm(calibration.apply(field), axis=1) / calibration.field_strength)
@@ -264,8 +264,8 @@ class Strength:
             "spread": self.spread,
         }
 
-    def __add__(self, other: Strength) -> Strength:
-        return Strength(self.readings + other.readings, self.total + other.total, self.squares + other.squares)
+    def __add__(self, other: LengthSums) -> LengthSums:
+        return LengthSums(self.readings + other.readings, self.total + other.total, self.squares + other.squares)
 
     def __repr__(self) -> str:
         return f"Strength(mean={self.mean:.3f}, spread={self.spread:.1%}, readings={self.readings:,})"
@@ -276,7 +276,7 @@ def _degrees(angle_deg: float) -> str:
     return f"{figures(angle_deg)}°" if angle_deg > 1e-6 else "0°"
 
 
-@spell_checked()
+@check_keywords()
 def compare(a: Fit, b: Fit, *, dip_deg: float | None = None, target_deg: float = 1.0) -> Comparison:
     """Compare two calibrations of one sensor, and decide whether their difference is significant.
 
@@ -316,7 +316,7 @@ def compare(a: Fit, b: Fit, *, dip_deg: float | None = None, target_deg: float =
         For a target that is not positive, or a dip within a degree of the poles.
     """
     if dip_deg is None:
-        dip_deg = judged_at(a, b)
+        dip_deg = common_dip_deg(a, b)
     if "xy" in (a.claim.plane, b.claim.plane):
         refuse_unlike(a, b)
         comparison = compare_level(_level(a, dip_deg), _level(b, dip_deg), dip_deg=dip_deg, target_deg=target_deg)
@@ -325,7 +325,7 @@ def compare(a: Fit, b: Fit, *, dip_deg: float | None = None, target_deg: float =
     return replace(comparison, rotation=RotationDifference.of(a, b), omitted_rotation_deg=_omitted_rotation_deg(a, b))
 
 
-def judged_at(*fits: Fit) -> float:
+def common_dip_deg(*fits: Fit) -> float:
     """Signed dip at which the first fit that states one was judged, else 60°."""
     stated = [fit.heading_error_deg.dip_deg for fit in fits]
     return next((dip for dip in stated if math.isfinite(dip)), 60.0)
@@ -357,7 +357,7 @@ def _compare(a: Fit, b: Fit, *, dip_deg: float, target_deg: float, is_flat: bool
         level_bound_deg(middle, each.covariance[0], dip_deg=turn_dip_deg)
         for each in (pair, _pair(a, _without_covariance(b))[0], _pair(_without_covariance(a), b)[0])
     ]
-    chi_square, freedom = pair.chi_square(IN_PLANE if is_flat else range(9))
+    chi_square, freedom = pair.chi_square(PLANE_PARAMETERS if is_flat else range(9))
     stated = a.claim.states_uncertainty or b.claim.states_uncertainty
     return Comparison(
         heading_difference_deg=HeadingError(rms, worst, float(dip_deg)),
@@ -398,7 +398,7 @@ def _level(fit: Fit, dip_deg: float) -> Fit:
         dip_deg = fit.heading_error_deg.dip_deg
     strength = fit.calibration.field_strength * math.cos(math.radians(dip_deg))
     known = strength if fit.calibration.field_strength_known else None
-    rows = to_equator("xy", dip_deg=dip_deg)
+    rows = equator_matrix("xy", dip_deg=dip_deg)
     parameters = fit.calibration.ellipsoid.parameters
     return as_equator(fit, rows, parameters, fit.claim.claimed_covariance, field_strength=known)
 
@@ -409,7 +409,7 @@ def as_equator(
     """A fit whose nine parameters and their covariance are `rows` (9, K) times the given (K,) parameters."""
     flat, old = rows @ parameters, fit.calibration
     calibration = Calibration.from_ellipsoid(
-        flat[:3], symmetric(flat[3:]), field_strength=field_strength, raw=old.raw, axes=old.axes, frame=old.frame
+        flat[:3], symmetric_matrix(flat[3:]), field_strength=field_strength, raw=old.raw, axes=old.axes, frame=old.frame
     )
     claimed: Floats = rows @ covariance @ rows.T
     claim = replace(fit.claim, calibration=calibration, covariance=claimed, structure_deg=0.0)
@@ -439,8 +439,8 @@ def refuse_unlike(a: Fit, b: Fit) -> None:
     """
     if a.calibration.unit != b.calibration.unit:
         raise UnitError(
-            f"{a.provenance.name} is for readings in {label(a.calibration.unit)}, {b.provenance.name} for "
-            f"{label(b.calibration.unit)}: calibrate both with one unit, or counts with a scale",
+            f"{a.provenance.name} is for readings in {unit_label(a.calibration.unit)}, {b.provenance.name} for "
+            f"{unit_label(b.calibration.unit)}: calibrate both with one unit, or counts with a scale",
             hint={"unit": None, "scale": None},
         )
     for one in (a, b):

@@ -13,7 +13,7 @@ they are not independent.
 >>> from flinders.estimators.auto import Auto
 >>> from flinders.estimators.minmax import MinMax
 >>> swept = simulate.tumble(seed=1, n=800, motion="uniform").samples
->>> good, simple = (cross_validated(method, swept) for method in (Auto(), MinMax()))
+>>> good, simple = (cross_validate(method, swept) for method in (Auto(), MinMax()))
 >>> good.heading_error_deg, simple.bias_deg > 20 * good.heading_error_deg.rms
 (HeadingError(rms=0.11°, worst=0.14°, dip=60°), True)
 """
@@ -26,17 +26,17 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from flinders.core.joining import joined
+from flinders.core.joining import join_recordings
 from flinders.core.short_repr import ShortRepr
 from flinders.errors import FitError, UsageError
 from flinders.estimators import Readings
-from flinders.estimators.one_strength import at_one_strength
+from flinders.estimators.one_strength import scale_to_one_strength
 from flinders.geometry.ellipsoid import Ellipsoid
-from flinders.geometry.plane import equator, order_of
+from flinders.geometry.plane import axis_order, equator
 from flinders.heading.error_propagation import level_error
 from flinders.likelihood import magnitude
 from flinders.likelihood.equations import NormalEquations
-from flinders.likelihood.prior import SPREAD
+from flinders.likelihood.prior import SOFT_IRON_SPREAD
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -49,10 +49,10 @@ if TYPE_CHECKING:
     from flinders.geometry.plane import Plane
     from flinders.heading.error_propagation import HeadingError
 
-BLOCKS: Final = 10
+DEFAULT_BLOCKS: Final = 10
 """Count of blocks: each fit lacks a tenth of the readings, and blocks are longer than the correlation time."""
 
-LEAST: Final = 4
+MIN_BLOCK_READINGS: Final = 4
 """Smallest count of readings of a block."""
 
 
@@ -81,11 +81,11 @@ class NotValidated(FitError):
         )
 
 
-def cross_validated(
+def cross_validate(
     estimator: Estimator,
     samples: Samples,
     *,
-    blocks: int = BLOCKS,
+    blocks: int = DEFAULT_BLOCKS,
     dip_deg: float = 60.0,
     counted: NDArray[np.bool_] | None = None,
 ) -> Validation:
@@ -146,8 +146,10 @@ class _Fold(NamedTuple):
 
 def _require_blocks(estimator: Estimator, count: int, blocks: int) -> None:
     """Refuse too few readings for the blocks, and a method that needs all readings."""
-    if blocks < 2 or count < LEAST * blocks:
-        raise UsageError(f"{blocks} blocks of {count:,} readings: need 2 or more, of {LEAST} readings or more each")
+    if blocks < 2 or count < MIN_BLOCK_READINGS * blocks:
+        raise UsageError(
+            f"{blocks} blocks of {count:,} readings: need 2 or more, of {MIN_BLOCK_READINGS} readings or more each"
+        )
     if getattr(estimator, "needs_even_turn", False):
         raise NotValidated(
             "not cross-validated: the method needs equally spaced points, which a missing block prevents"
@@ -177,20 +179,20 @@ def _fit_folds(
 
 def _scale_to_one_strength(samples: Samples, estimate: Estimate) -> Floats:
     """(m, 3) left-out readings, scaled to one field strength if the method uses the strength of each."""
-    alike = at_one_strength(Readings.of(samples), estimate)
+    alike = scale_to_one_strength(Readings.of(samples), estimate)
     return np.concatenate([np.empty((0, 3)), *alike.blocks(estimate.method)])
 
 
 def _project(field: Floats, plane: Plane) -> Floats:
     """(N, 3) readings without their component along the axis of rotation."""
     flat = field.copy()
-    flat[:, order_of(plane)[2]] = 0.0
+    flat[:, axis_order(plane)[2]] = 0.0
     return flat
 
 
 def _turn_options(plane: Plane | None, dip_deg: float) -> dict[str, Any]:
     """Options for the heading error: of a level turn, or of a turn about the axis perpendicular to a plane."""
-    return {"dip_deg": dip_deg} if plane is None else {"dip_deg": 0.0, "down": np.eye(3)[order_of(plane)[2]]}
+    return {"dip_deg": dip_deg} if plane is None else {"dip_deg": 0.0, "down": np.eye(3)[axis_order(plane)[2]]}
 
 
 def _blocks(samples: Samples, blocks: int) -> Iterator[tuple[Recording, slice]]:
@@ -198,13 +200,13 @@ def _blocks(samples: Samples, blocks: int) -> Iterator[tuple[Recording, slice]]:
     cuts = np.linspace(0, len(samples), blocks + 1).astype(int)
     for begin, end in pairwise(cuts):
         before, after = samples[:begin], samples[end:]
-        yield joined([part for part in (before, after) if len(part)]), slice(begin, end)
+        yield join_recordings([part for part in (before, after) if len(part)]), slice(begin, end)
 
 
 def _required_change(equations: NormalEquations, curvature: Floats, ellipsoid: Ellipsoid) -> Floats:
     """(9,) change of offset and shape that fits the left-out readings best."""
     variance = max(equations.cost / max(equations.count, 1), np.finfo(float).tiny)
-    ridge = np.eye(9) * (variance / (SPREAD * ellipsoid.radius) ** 2)
+    ridge = np.eye(9) * (variance / (SOFT_IRON_SPREAD * ellipsoid.radius) ** 2)
     first = replace(equations, matrix=equations.matrix + ridge).step()
     # residuals that no change of offset and shape explains
     left = equations.cost - 2.0 * float(first @ equations.gradient) + float(first @ equations.matrix @ first)

@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
-from flinders.comparison.comparison import CHANCE, DIRECTIONS
-from flinders.comparison.results import printed, with_bound
+from flinders.comparison.comparison import DIRECTIONS, MAX_P_VALUE
+from flinders.comparison.results import json_attributes, with_bound
 from flinders.comparison.rotation_difference import RotationDifference, rotation_covariance
 from flinders.core.calibration import Calibration
-from flinders.core.units import label
+from flinders.core.units import unit_label
 from flinders.errors import UnitError, UsageError
-from flinders.geometry.plane import down_of, heading_errors
+from flinders.geometry.plane import down_direction, heading_errors
 from flinders.heading.error_propagation import (
     DirectionError,
     HeadingError,
@@ -32,7 +32,7 @@ from flinders.heading.error_propagation import (
     level_turn,
     upright,
 )
-from flinders.summary.pooling import chance_of, chi_square_of
+from flinders.summary.pooling import chi_square_of, p_value_of
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -86,7 +86,7 @@ class Evaluation:
     @property
     def p_value(self) -> float | None:
         """Probability of errors as large by chance; None if nothing is claimed."""
-        return None if self.chi_square is None else chance_of(self.chi_square, self.freedom)
+        return None if self.chi_square is None else p_value_of(self.chi_square, self.freedom)
 
     @property
     def heading_ratio(self) -> float | None:
@@ -122,7 +122,7 @@ class Evaluation:
         """``worse than claimed`` if the probability of such errors by chance is below 1 %."""
         if self.p_value is None:
             return "unclaimed"
-        return "as claimed" if self.p_value >= CHANCE else "worse than claimed"
+        return "as claimed" if self.p_value >= MAX_P_VALUE else "worse than claimed"
 
     @property
     def is_on_target(self) -> bool:
@@ -144,11 +144,13 @@ class Evaluation:
                 mean=self.heading_mean_deg, dip_deg=heading.dip_deg, target_deg=self.target_deg
             ),
             "claimed_heading_deg": with_bound(self.claimed_heading_deg, self.claimed_bound_deg),
-            **printed(self, "heading_ratio", "direction_error_deg", "unrotated_direction_error_deg"),
-            **printed(self, "claimed_direction_deg", "direction_ratio", "rotation_deg", "offset_error", "offset_sigma"),
-            **printed(self, "offset_ratio", "offset_share", "matrix_error", "scale_error"),
+            **json_attributes(self, "heading_ratio", "direction_error_deg", "unrotated_direction_error_deg"),
+            **json_attributes(
+                self, "claimed_direction_deg", "direction_ratio", "rotation_deg", "offset_error", "offset_sigma"
+            ),
+            **json_attributes(self, "offset_ratio", "offset_share", "matrix_error", "scale_error"),
             **self._body_as_dict(),
-            **printed(self, "chi_square", "freedom", "p_value", "unit"),
+            **json_attributes(self, "chi_square", "freedom", "p_value", "unit"),
         }
 
     def _body_as_dict(self) -> dict[str, Any]:
@@ -156,13 +158,13 @@ class Evaluation:
         if self.body_heading_error_deg is None:
             return {}
         names = ("body_heading_error_deg", "claimed_body_heading_deg", "body_heading_ratio", "rotation")
-        return printed(self, *names)
+        return json_attributes(self, *names)
 
     def __repr__(self) -> str:
         heading = self.heading_error_deg
         return (
             f"Evaluation({self.verdict}, heading {heading.rms:.2g}° rms, {heading.worst:.2g}° worst, "
-            f"offset {math.hypot(*self.offset_error):.3g} {label(self.unit)})"
+            f"offset {math.hypot(*self.offset_error):.3g} {unit_label(self.unit)})"
         )
 
 
@@ -185,8 +187,8 @@ def evaluate(fit: Fit, truth: Truth, *, dip_deg: float | None = None, target_deg
         raise UsageError(f"target is {target_deg:g}°: need a positive angle")
     if fit.calibration.unit != truth.unit:
         raise UnitError(
-            f"{fit.provenance.name} is for readings in {label(fit.calibration.unit)}, the truth is in "
-            f"{label(truth.unit)}: calibrate with the unit of the recording, or counts with a scale",
+            f"{fit.provenance.name} is for readings in {unit_label(fit.calibration.unit)}, the truth is in "
+            f"{unit_label(truth.unit)}: calibrate with the unit of the recording, or counts with a scale",
             hint={"unit": None, "scale": None},
         )
     if fit.calibration.linearization is not None:
@@ -198,7 +200,7 @@ def evaluate(fit: Fit, truth: Truth, *, dip_deg: float | None = None, target_deg
     left = np.linalg.solve(fit.calibration.ellipsoid.shape, true.ellipsoid.shape)
     values = np.linalg.svd(left, compute_uv=False)
     scale = float(np.cbrt(np.prod(values)))
-    heading, directions = level_turn(dip_deg, down_of(fit.claim.plane))
+    heading, directions = level_turn(dip_deg, down_direction(fit.claim.plane))
     errors, mean = heading_errors(_in_level_axes(_correct_simulated(fit, true, directions), fit.claim.plane), heading)
     seen = fit.calibration.rotation_matrix @ _correct_simulated(fit, true, true.rotation_matrix.T @ DIRECTIONS)
     rotation = RotationDifference.between(true, fit.calibration, rotation_covariance(fit))
@@ -219,13 +221,13 @@ def evaluate(fit: Fit, truth: Truth, *, dip_deg: float | None = None, target_deg
     )
 
 
-def mapped(truth: Truth, axes: Axes) -> tuple[Floats, Floats]:
+def map_truth(truth: Truth, axes: Axes) -> tuple[Floats, Floats]:
     """(3, 3) matrix and (3,) offset of the true sensor in mapped axes: P A Pᵀ and P b.
 
     >>> from flinders.core.axes import Axes
     >>> from flinders.simulate import Sensor, truth, tumble
     >>> plain = truth.Truth.of(tumble(n=10, sensor=Sensor(matrix=np.diag([1.0, 2.0, 3.0]), offset=[4, 5, 6])))
-    >>> matrix, offset = mapped(plain, Axes.of("-y,x,z"))
+    >>> matrix, offset = map_truth(plain, Axes.of("-y,x,z"))
     >>> np.diag(matrix).tolist(), offset.tolist()
     ([2.0, 1.0, 3.0], [-5.0, 4.0, 6.0])
     """
@@ -236,7 +238,7 @@ def mapped(truth: Truth, axes: Axes) -> tuple[Floats, Floats]:
 
 def _true_calibration(truth: Truth, axes: Axes) -> Calibration:
     """The exact calibration, for readings in mapped axes."""
-    matrix, offset = mapped(truth, axes)
+    matrix, offset = map_truth(truth, axes)
     return Calibration(np.linalg.inv(matrix), offset, truth.field.strength, rotation="composed")
 
 
@@ -249,14 +251,14 @@ def _correct_simulated(fit: Fit, true: Calibration, directions: Floats) -> Float
 
 def _in_level_axes(field: Floats, plane: Plane | None) -> Floats:
     """(3, K) fields in axes with z down, for a sensor that turns in a plane."""
-    down = down_of(plane)
+    down = down_direction(plane)
     return field if down is None else upright(down).T @ field
 
 
 def _claims(fit: Fit, dip_deg: float, errors: Floats, rotation: RotationDifference) -> dict[str, Any]:
     """Claims of a fit, and the test of its (72,) level heading errors in rad and of its rotation against them."""
     # To first order an error of the offset causes the first harmonic of the heading error, one of the shape the second.
-    heading, down = level_turn(dip_deg)[0], down_of(fit.claim.plane)
+    heading, down = level_turn(dip_deg)[0], down_direction(fit.claim.plane)
     waves = np.array([wave(order * heading) for order in (1, 2) for wave in (np.cos, np.sin)]) * (2 / len(heading))
     ellipsoid, covariance = fit.calibration.ellipsoid, fit.claim.claimed_covariance
     gradient = waves @ level_gradients(ellipsoid, dip_deg=dip_deg, down=down)

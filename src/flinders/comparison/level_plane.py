@@ -20,7 +20,7 @@ since the plane of the readings gives d, and with it the antisymmetric part of X
 >>> sensor = simulate.Sensor.random(np.random.default_rng(4))
 >>> tumbled, turned = (simulate.tumble(seed=1, motion=how, sensor=sensor) for how in ("hand", "level"))
 >>> known, fresh = (calibrate.fit(each.samples) for each in (tumbled, turned))
->>> level = Levelled.of(known, fresh, turned.samples)
+>>> level = LevelPair.of(known, fresh, turned.samples)
 >>> compare_level(level.known, level.fresh, dip_deg=level.dip_deg).answer
 'holds'
 """
@@ -34,10 +34,10 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Self
 import numpy as np
 
 from flinders.comparison.comparison import as_equator, compare, compare_level
-from flinders.core.joining import singles
-from flinders.estimators.covariance import Residuals, time_of
-from flinders.geometry.ellipsoid import symmetric
-from flinders.geometry.plane import IN_PLANE, equator, root, to_equator
+from flinders.core.joining import single_recordings
+from flinders.estimators.covariance import Residuals, correlation_length
+from flinders.geometry.ellipsoid import symmetric_matrix
+from flinders.geometry.plane import PLANE_PARAMETERS, equator, equator_matrix, symmetric_root
 from flinders.heading.error_propagation import upright
 from flinders.native.engine import engine
 
@@ -52,7 +52,7 @@ DIFFERENCE_STEP: Final = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Levelled:
+class LevelPair:
     """A calibration and a level turn, as ellipses in the plane of the turn."""
 
     known: Fit  #: calibration in axes with z along the vertical of the turn, as the equator of an ellipsoid
@@ -85,7 +85,7 @@ class Levelled:
         )
 
 
-def compare_turned(known: Fit, fresh: Fit, recording: Recording, *, target_deg: float = 1.0) -> Comparison:
+def compare_with_turn(known: Fit, fresh: Fit, recording: Recording, *, target_deg: float = 1.0) -> Comparison:
     """Compare a calibration with a level turn, as `flinders.compare` does for two calibrations.
 
     Parameters
@@ -95,7 +95,7 @@ def compare_turned(known: Fit, fresh: Fit, recording: Recording, *, target_deg: 
     target_deg : float
         Worst heading difference that is good enough, in degrees.
     """
-    level = Levelled.of(known, fresh, recording)
+    level = LevelPair.of(known, fresh, recording)
     return compare_level(level.known, level.fresh, dip_deg=level.dip_deg, target_deg=target_deg)
 
 
@@ -105,7 +105,7 @@ def compare_on(recording: Recording, known: Fit, fresh: Fit, *, dip_deg: float, 
     `dip_deg` and `target_deg` are those of `flinders.compare`; for a level turn the dip is that of the fit.
     """
     if fresh.claim.plane == "xy" and known.claim.plane is None:
-        return compare_turned(known, fresh, recording, target_deg=target_deg)
+        return compare_with_turn(known, fresh, recording, target_deg=target_deg)
     return compare(known, fresh, dip_deg=dip_deg, target_deg=target_deg)
 
 
@@ -124,9 +124,9 @@ class _Turn:
         ellipse = equator(fresh.calibration.ellipsoid, "xy", dip_deg=dip_deg)
         noise = fresh.evidence.noise if math.isfinite(fresh.evidence.noise) else 0.0
         heights = _heights(recording, ellipse.centre[:2], noise)
-        numbers = np.concatenate([ellipse.parameters[IN_PLANE], heights.numbers])
+        numbers = np.concatenate([ellipse.parameters[PLANE_PARAMETERS], heights.numbers])
         covariance = np.zeros((8, 8))
-        rows = to_equator("xy", dip_deg=dip_deg)[IN_PLANE]
+        rows = equator_matrix("xy", dip_deg=dip_deg)[PLANE_PARAMETERS]
         covariance[:5, :5] = rows @ fresh.claim.claimed_covariance @ rows.T
         covariance[5:, 5:] = heights.covariance
         return cls(known, numbers, covariance)
@@ -148,7 +148,7 @@ class _Turn:
         centre = turn @ (np.append(numbers[:2], numbers[5]) - self.known.calibration.offset)
         along = (turn @ np.vstack([np.eye(2), numbers[6:]]))[:2]
         shape = along @ np.array([[numbers[2], numbers[4]], [numbers[4], numbers[3]]])
-        return centre[:2], root(shape @ shape.T), float(centre[2])
+        return centre[:2], symmetric_root(shape @ shape.T), float(centre[2])
 
     def measured_covariance(self) -> Floats:
         """(5, 5) covariance of the measured middle and shape, as claimed by the turn."""
@@ -179,7 +179,7 @@ class _Turn:
         return covariance
 
 
-_ENTRIES: Final = tuple(symmetric(entry) for entry in np.eye(6))
+_ENTRIES: Final = tuple(symmetric_matrix(entry) for entry in np.eye(6))
 """The six symmetric basis matrices of S₁₁, S₂₂, S₃₃, S₁₂, S₁₃ and S₂₃."""
 
 
@@ -192,18 +192,18 @@ class _Heights(NamedTuple):
 
 def _heights(recording: Recording, middle: Floats, noise: float) -> _Heights:
     """The plane of the readings; correlated residuals count as the equivalent number of independent ones."""
-    parts = [np.concatenate([block.field for block in single.blocks()]) for single in singles(recording)]
+    parts = [np.concatenate([block.field for block in single.blocks()]) for single in single_recordings(recording)]
     field = np.concatenate(parts)
-    plane = engine().plane_of(field, middle, noise)
+    plane = engine().fit_plane(field, middle, noise)
     numbers = np.append(plane["height"], plane["slope"])
     columns = np.column_stack([np.ones(len(field)), field[:, :2] - middle])
     left = field[:, 2] - columns @ numbers
     edges = np.cumsum([len(part) for part in parts])
     segments = [np.arange(edge - len(part), edge) for edge, part in zip(edges, parts, strict=True)]
-    alike = max(1.0, time_of(Residuals(left, columns, segments).autocovariance()))
+    alike = max(1.0, correlation_length(Residuals(left, columns, segments).autocovariance()))
     return _Heights(numbers, alike * plane["covariance"].reshape(3, 3))
 
 
 def _as_equator(fit: Fit, numbers: Floats, covariance: Floats) -> Fit:
     """The ellipse of (5,) numbers as the equator of an ellipsoid with the mean semi-axis as its third."""
-    return as_equator(fit, to_equator("xy", dip_deg=0.0)[:, IN_PLANE], numbers, covariance)
+    return as_equator(fit, equator_matrix("xy", dip_deg=0.0)[:, PLANE_PARAMETERS], numbers, covariance)

@@ -2,7 +2,7 @@
 
 >>> from flinders.errors import FitError
 >>> silent = Member("aft", FitError("no readings"), FitError("no readings"))
->>> Together((silent,), "aft", Agreement(0, 0.0), is_joint=False)["aft"].axes
+>>> MultiFit((silent,), "aft", Agreement(0, 0.0), is_joint=False)["aft"].axes
 'x,y,z'
 """
 
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flinders.comparison.results import printed
+from flinders.comparison.results import json_attributes
 from flinders.fitting.result import Fit
 
 if TYPE_CHECKING:
@@ -57,13 +57,13 @@ class Member:
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
         return {
-            **printed(
+            **json_attributes(
                 self, "rotation", "rotation_sigma_deg", "axes", "misalignment_deg", "length_ratio", "scatter_deg"
             ),
-            **printed(self, "delay_s", "copy_of"),
+            **json_attributes(self, "delay_s", "copy_of"),
             # claimed worst heading error of the fit alone
             "alone_heading_error_deg": self.alone.heading_error_deg.worst if isinstance(self.alone, Fit) else None,
-            **printed(self, "findings"),
+            **json_attributes(self, "findings"),
         }
 
 
@@ -79,7 +79,7 @@ class Agreement:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Together:
+class MultiFit:
     """Several magnetometers of one body."""
 
     members: tuple[Member, ...]
@@ -102,5 +102,7 @@ class Together:
             {**run.as_dict(), "sensor": None if run.sensor is None else names[run.sensor]}
             for run in self.agreement.disagreements
         ]
-        known = printed(self, "reference", "is_joint", "in_body") | printed(self.agreement, "instants", "seconds")
+        known = json_attributes(self, "reference", "is_joint", "in_body") | json_attributes(
+            self.agreement, "instants", "seconds"
+        )
         return {**known, "disagreements": runs}  # stretches of time, in their order

@@ -34,20 +34,20 @@ from typing import TYPE_CHECKING, ClassVar, Final
 import numpy as np
 
 from flinders.comparison.comparison import refuse_unlike
-from flinders.comparison.pairs import rescaled, trace_with, without_scale
+from flinders.comparison.pairs import remove_scale, rescale_covariance, trace_with
 from flinders.core.calibration import Calibration
-from flinders.core.keywords import spell_checked
-from flinders.core.units import Unit, label
-from flinders.diagnostics.repeatability import RecordingFit, compared
-from flinders.errors import UsageError, counted, figures
-from flinders.findings import linked
-from flinders.findings.catalogue import OF_CALIBRATION
+from flinders.core.keywords import check_keywords
+from flinders.core.units import Unit, unit_label
+from flinders.diagnostics.repeatability import RecordingFit, compare_recordings
+from flinders.errors import UsageError, count_text, figures
+from flinders.findings import link_causes
+from flinders.findings.catalogue import CALIBRATION_FINDINGS
 from flinders.fitting.claim import Claim
 from flinders.fitting.evidence import Diagnosis, Evidence, Residuals
 from flinders.fitting.record import expected_error
 from flinders.fitting.result import Fit, Judgement, Provenance, Refused
-from flinders.fitting.verdict import judged_parts, of_contradiction
-from flinders.geometry.ellipsoid import Ellipsoid, upper
+from flinders.fitting.verdict import contradiction_values, judge_calibration
+from flinders.geometry.ellipsoid import Ellipsoid, upper_entries
 from flinders.summary.pooling import chi_square_of, pool
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ class NotMerged(Refused):
     code: ClassVar[str] = "not-merged"
 
 
-@spell_checked()
+@check_keywords()
 def merge(parts: Sequence[Fit], *, target_deg: float = 1.0, dip_deg: float | None = None) -> Fit:
     """Merge several calibrations of one sensor.
 
@@ -137,7 +137,7 @@ def merge(parts: Sequence[Fit], *, target_deg: float = 1.0, dip_deg: float | Non
     _refuse(parts)
     dip = _dip(parts) if dip_deg is None else dip_deg
     field = _Field.of(parts)
-    brought = [field.bring(part) for part in parts]
+    brought = [field.scale(part) for part in parts]
     _refuse_constrained(brought)
     together = pool([part.parameters for part in brought], [part.covariance for part in brought])
     ellipsoid = Ellipsoid.of_parameters(together.mean)
@@ -145,8 +145,8 @@ def merge(parts: Sequence[Fit], *, target_deg: float = 1.0, dip_deg: float | Non
         raise UsageError(
             "the calibrations are so different that their mean is no ellipsoid: merge calibrations of one sensor only"
         )
-    ellipsoid, covariance = field.settle(ellipsoid, together.covariance + together.predicted)
-    repeats = compared(brought, dip_deg=dip)
+    ellipsoid, covariance = field.settle(ellipsoid, together.covariance + together.prediction_scatter)
+    repeats = compare_recordings(brought, dip_deg=dip)
     distortion = max(map(_distortion, parts))
     error, structure_deg = expected_error(ellipsoid, covariance, dip_deg=dip, distortion=distortion)
     calibration = _calibration(parts, ellipsoid, field)
@@ -204,15 +204,15 @@ class _Field:
         log_variance = 0.0 if known else float(np.sum(variances)) / len(parts) ** 2
         return cls(strength, known, np.mean(shapes, axis=0), log_variance)
 
-    def bring(self, part: Fit) -> RecordingFit:
+    def scale(self, part: Fit) -> RecordingFit:
         """Scale the shape of a calibration to the field, and remove the scale from its covariance unless known."""
         shape = (part.calibration.shape + part.calibration.shape.T) / 2.0
         if self.is_known:
             factor = self.strength / part.calibration.field_strength
-            covariance = rescaled(_claim(part), factor)
+            covariance = rescale_covariance(_claim(part), factor)
         else:
-            factor = 3.0 / float(trace_with(self.reference) @ upper(shape))
-            covariance = without_scale(rescaled(_claim(part), factor), factor * shape, self.reference)
+            factor = 3.0 / float(trace_with(self.reference) @ upper_entries(shape))
+            covariance = remove_scale(rescale_covariance(_claim(part), factor), factor * shape, self.reference)
         return RecordingFit(
             part.provenance.name, part.evidence.samples, Ellipsoid(part.calibration.offset, factor * shape), covariance
         )
@@ -223,14 +223,14 @@ class _Field:
             return ellipsoid, covariance
         factor = self.strength / ellipsoid.radius
         sized = Ellipsoid(ellipsoid.centre, factor * ellipsoid.shape)
-        scale = np.concatenate([np.zeros(3), upper(sized.shape)])
-        return sized, rescaled(covariance, factor) + self.log_variance * np.outer(scale, scale)
+        scale = np.concatenate([np.zeros(3), upper_entries(sized.shape)])
+        return sized, rescale_covariance(covariance, factor) + self.log_variance * np.outer(scale, scale)
 
 
 def _refuse(parts: Sequence[Fit]) -> None:
     """Refuse calibrations that cannot be merged, before any computation."""
     if len(parts) < 2:
-        raise UsageError(f"{counted(len(parts), 'calibration')}: need two or more to merge")
+        raise UsageError(f"{count_text(len(parts), 'calibration')}: need two or more to merge")
     for part in parts:
         _refuse_alone(part)
     for a, b in combinations(parts, 2):
@@ -318,7 +318,7 @@ def _refuse_pair(a: Fit, b: Fit) -> None:
     for low, high in (sorted(gains), sorted(strengths)):
         if high > MAX_RADIUS_RATIO * low:
             raise UsageError(
-                f"{a.provenance.name} has a radius of {figures(_radius(a), 3)} {label(ours.unit)}, {b.provenance.name} "
+                f"{a.provenance.name} has a radius of {figures(_radius(a), 3)} {unit_label(ours.unit)}, {b.provenance.name} "
                 f"one of {figures(_radius(b), 3)}: gain or unit differ, calibrate both with the same"
             )
     if np.array_equal(ours.offset, theirs.offset) and np.array_equal(ours.matrix, theirs.matrix):
@@ -391,14 +391,14 @@ def _calibration(parts: Sequence[Fit], ellipsoid: Ellipsoid, field: _Field) -> C
 
 def _findings(merged: Fit, repeats: Repeats, parts: Sequence[Fit]) -> tuple[Finding, ...]:
     """Findings on the merged calibration, the most severe first."""
-    part, worst_deg, scatter_deg = repeats.farthest, merged.heading_error_deg.worst, repeats.scatter_deg
+    part, worst_deg, scatter_deg = repeats.most_deviating, merged.heading_error_deg.worst, repeats.scatter_deg
     found = tuple(
-        judged_parts(
+        judge_calibration(
             merged.calibration,
-            ("recordings-differ", "heading-error", *OF_CALIBRATION),
+            ("recordings-differ", "heading-error", *CALIBRATION_FINDINGS),
             target_deg=merged.claim.target_deg,
             values={
-                **of_contradiction(repeats, label(merged.calibration.unit)),
+                **contradiction_values(repeats, unit_label(merged.calibration.unit)),
                 "differ_deg": min(scatter_deg, worst_deg) if scatter_deg > worst_deg / 2.0 else math.nan,
                 "next_step": ("merge-others",),
             },
@@ -411,8 +411,8 @@ def _findings(merged: Fit, repeats: Repeats, parts: Sequence[Fit]) -> tuple[Find
     is_said = any(finding.code == "recordings-differ" and finding.severity == "refuses" for finding in found)
     apart = [finding for finding in found if finding.code == "recordings-differ"]
     accuracy = [finding for finding in found if finding.code == "heading-error" and not is_said]
-    own = [finding for finding in found if finding.code in OF_CALIBRATION]
-    return linked([*apart, *accuracy, *_inherited_findings(repeats, parts), *own])
+    own = [finding for finding in found if finding.code in CALIBRATION_FINDINGS]
+    return link_causes([*apart, *accuracy, *_inherited_findings(repeats, parts), *own])
 
 
 def _inherited_findings(repeats: Repeats, parts: Sequence[Fit]) -> Iterator[Finding]:

@@ -25,22 +25,22 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from flinders.comparison.agreement import Disagreement, disagreements, heading_deg, length_scatter, scatter
-from flinders.comparison.common_moments import at_common_moments, checked_reference, copies_of, in_order
-from flinders.comparison.member_findings import judged_member
-from flinders.comparison.members import Agreement, Member, Together
-from flinders.core.axes import EXCHANGES
-from flinders.core.keywords import spell_checked
+from flinders.comparison.agreement import Disagreement, disagreements, heading_deg, length_scatter, usual_scatter
+from flinders.comparison.common_moments import find_copies, pair_readings, require_reference, sorted_readings
+from flinders.comparison.member_findings import add_member_findings
+from flinders.comparison.members import Agreement, Member, MultiFit
+from flinders.core.axes import SIGNED_PERMUTATIONS
+from flinders.core.keywords import check_keywords
 from flinders.errors import FitError, FlindersError, InputError
-from flinders.estimators.auto import Auto, found_alone
-from flinders.estimators.multi_sensor import Several, is_sound, mirror_or_rotation, solve
-from flinders.estimators.outliers import with_runs
+from flinders.estimators.auto import Auto, fit_alone
+from flinders.estimators.multi_sensor import MultiSensorFit, fit_sensors, is_sound, mirror_or_rotation
+from flinders.estimators.outliers import extend_to_runs
 from flinders.fitting.aiding import Aiding
-from flinders.fitting.calibrate import ELSEWHERE, fit, judged_as
+from flinders.fitting.calibrate import PARAMETERS_ELSEWHERE, fit, judge_estimate
 from flinders.fitting.request import judged_dip
 from flinders.fitting.result import Fit, Refused, fit_of
 from flinders.likelihood.magnitude import distances
-from flinders.likelihood.prior import SPREAD
+from flinders.likelihood.prior import SOFT_IRON_SPREAD
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Recording, Samples
-    from flinders.core.time_alignment import Paired
+    from flinders.core.time_alignment import AlignedReadings
     from flinders.estimators import Estimate
     from flinders.estimators.outliers import Outlier
     from flinders.fitting.aiding import AnyAiding
@@ -68,16 +68,16 @@ MAX_ROUNDS: Final = 3
 """Largest count of fits, each without the stretches in which a sensor deviated in the fit before."""
 
 
-@spell_checked(ELSEWHERE)
+@check_keywords(PARAMETERS_ELSEWHERE)
 def fit_multi(
     sources: Mapping[str, Recording],
     *,
     reference: str | None = None,
     target_deg: float = 1.0,
     site: Site | None = None,
-    prior: float = SPREAD,
+    prior: float = SOFT_IRON_SPREAD,
     aiding: AnyAiding = (),
-) -> Together:
+) -> MultiFit:
     """Calibrate several magnetometers of one body together, and compare them.
 
     Minimises the sum of `flinders.estimators.multi_sensor`. Use it for a body with more than one magnetometer that was
@@ -113,14 +113,14 @@ def fit_multi(
     --------
     See the head of this module.
     """
-    judged = None if site is None else site.judged
-    chosen = checked_reference(sources, reference, None if judged is None else judged.fixed_length)
+    judged = None if site is None else site.for_judgement
+    chosen = require_reference(sources, reference, None if judged is None else judged.fixed_length)
     options: dict[str, Any] = {"target_deg": target_deg, "site": judged}
     samples: dict[str, Samples] = {}
     silent: dict[str, FlindersError] = {}
     for name, source in sources.items():
         try:
-            samples[name] = in_order(source)
+            samples[name] = sorted_readings(source)
         except (FitError, InputError) as error:
             silent[name] = error
     if chosen in silent or len(samples) < 2:
@@ -143,7 +143,7 @@ class _Body:
     reference: int
     mounting: Aiding | None
     starts: Sequence[Estimate | None]
-    common: Paired
+    common: AlignedReadings
     copies: Mapping[int, int]
     prior: float
     options: dict[str, Any]
@@ -167,9 +167,9 @@ class _Body:
     ) -> Self:
         """Pair the readings, and estimate each sensor alone."""
         place = list(sources).index(reference)
-        starts = [found_alone(each.field) for each in samples.values()]
-        common = at_common_moments(list(samples.values()), place)
-        copies = copies_of(common.fields, starts, place)
+        starts = [fit_alone(each.field) for each in samples.values()]
+        common = pair_readings(list(samples.values()), place)
+        copies = find_copies(common.fields, starts, place)
         return cls(sources, place, mounting, starts, common, copies, prior, options, site)
 
     @property
@@ -182,7 +182,7 @@ class _Body:
         """Indices of the sensors that are not copies."""
         return [place for place in range(len(self.sources)) if place not in self.copies]
 
-    def calibrate(self) -> Together:
+    def calibrate(self) -> MultiFit:
         """Fit the sensors, together if possible."""
         several, runs = self.joint_fit()
         apart_deg = 0.0 if several is None else self.apart_deg(several)
@@ -190,20 +190,20 @@ class _Body:
             several, runs = None, ()
         members = [self.member(place, several) for place in range(len(self.sources))]
         if several is not None:
-            off = scatter(_correct(several, self.common.fields[self.own]), several.directions, self.common.time)
+            off = usual_scatter(_correct(several, self.common.fields[self.own]), several.directions, self.common.time)
             for place, share in zip(self.own, off.tolist(), strict=True):
                 scatter_deg = heading_deg(share, self.dip_deg)
                 members[place] = _better_fit(replace(members[place], scatter_deg=scatter_deg))
         is_joint = several is not None and not all(members[place].is_kept for place in self.own)
         agreement = Agreement(len(self.common.time), float(np.ptp(self.common.time)), runs, apart_deg)
         in_body = is_joint and self.mounting is not None
-        together = Together(tuple(members), self.names[self.reference], agreement, is_joint, in_body)
+        together = MultiFit(tuple(members), self.names[self.reference], agreement, is_joint, in_body)
         target_deg = self.options["target_deg"]
         return replace(
-            together, members=tuple(judged_member(together, place, target_deg) for place in range(len(members)))
+            together, members=tuple(add_member_findings(together, place, target_deg) for place in range(len(members)))
         )
 
-    def joint_fit(self) -> tuple[Several | None, tuple[Disagreement, ...]]:
+    def joint_fit(self) -> tuple[MultiSensorFit | None, tuple[Disagreement, ...]]:
         """Joint fit, repeated without the segments in which a sensor deviates, and these segments by sensor.
 
         Readings that are outliers for most sensors alone are excluded from the start, so that two of three that are
@@ -214,7 +214,7 @@ class _Body:
             return None, ()
         fields: Floats = self.common.fields[self.own]
         runs: tuple[Disagreement, ...] = ()
-        several: Several | None = None
+        several: MultiSensorFit | None = None
         begins = [self.starts[place] for place in self.own]
         outliers = _own_outliers(fields, begins)
         alike = outliers & (2 * outliers.sum(axis=0) > np.isfinite(fields[..., 0]).sum(axis=0))
@@ -224,9 +224,9 @@ class _Body:
                 if run.sensor is not None:
                     left[run.sensor, run.first : run.last + 1] = np.nan
             for sensor in {run.sensor for run in runs if run.sensor is not None}:
-                begins[sensor] = found_alone(left[sensor])
+                begins[sensor] = fit_alone(left[sensor])
             try:
-                several = solve(left, reference=self.own.index(self.reference), starts=begins, spread=self.prior)
+                several = fit_sensors(left, reference=self.own.index(self.reference), starts=begins, spread=self.prior)
             except FitError:
                 return None, ()
             if several.unobserved:
@@ -238,7 +238,7 @@ class _Body:
         placed = [run.of_sensor(dict(enumerate(self.own))) for run in runs]
         return several, tuple(sorted(placed, key=lambda run: run.start_s))
 
-    def apart_deg(self, several: Several) -> float:
+    def apart_deg(self, several: MultiSensorFit) -> float:
         """Constant difference of two sensors in degrees of heading, if it is unknown which one is wrong; else 0.
 
         Noise, or a field that moves with one sensor, changes lengths as well as directions. If directions differ by far
@@ -251,17 +251,17 @@ class _Body:
             return 0.0
         fields, dip_deg, time = self.common.fields[self.own], self.dip_deg, self.common.time
         corrected = _correct(several, fields)
-        between_deg = heading_deg(float(scatter(corrected[:1], corrected[1], time)[0]), dip_deg)
+        between_deg = heading_deg(float(usual_scatter(corrected[:1], corrected[1], time)[0]), dip_deg)
         lengths = length_scatter(np.stack([_correct_alone(*each) for each in zip(fields, sound, strict=True)]), time)
         by_length_deg = heading_deg(float(np.hypot(*lengths)), dip_deg)
-        off = scatter(corrected, several.directions, time)
+        off = usual_scatter(corrected, several.directions, time)
         is_lopsided = bool(off.max() > MAX_MISFIT_RATIO * off.min() and np.argmax(off) != np.argmax(lengths))
         is_apart = between_deg > self.options["target_deg"] and (
             between_deg > MAX_MISFIT_RATIO * by_length_deg or is_lopsided
         )
         return between_deg if is_apart else 0.0
 
-    def member(self, place: int, several: Several | None) -> Member:
+    def member(self, place: int, several: MultiSensorFit | None) -> Member:
         """The sensor at a place, with its results of the joint fit."""
         name = self.names[place]
         alone = self.fit_alone(name)
@@ -294,7 +294,7 @@ class _Body:
         axes, off = nearest_axes(rotation)
         return replace(member, rotation=rotation, axes=axes, misalignment_deg=off)
 
-    def joint_member(self, member: Member, place: int, several: Several) -> Member:
+    def joint_member(self, member: Member, place: int, several: MultiSensorFit) -> Member:
         """A member with its results of the joint fit."""
         index = self.own.index(place)
         rotation, covariance = several.rotation(index)
@@ -302,7 +302,7 @@ class _Body:
         estimate = replace(several.estimate(index), outliers=self.outliers(member, place, several.is_inlier[index]))
         judged: Fit | FitError
         try:
-            judged = judged_as(
+            judged = judge_estimate(
                 estimate, self.sources[member.name], sensor=member.name,
                 aiding_result=None if is_reference else _rotation_aiding(rotation, covariance, self.mounting),
                 **self.options,
@@ -373,7 +373,7 @@ def _own_outliers(fields: Floats, starts: Sequence[Estimate | None]) -> NDArray[
     >>> q = rng.normal(size=(400, 3))
     >>> field = 50.0 * q / np.linalg.norm(q, axis=1, keepdims=True) + rng.normal(scale=0.5, size=q.shape)
     >>> field[100:150] *= 1.4
-    >>> outliers = _own_outliers(field[np.newaxis], [found_alone(field)])[0]
+    >>> outliers = _own_outliers(field[np.newaxis], [fit_alone(field)])[0]
     >>> float(outliers[100:150].mean()), bool(outliers[:80].mean() < 0.1), bool(outliers[170:].mean() < 0.1)
     (1.0, True, True)
     """
@@ -382,7 +382,7 @@ def _own_outliers(fields: Floats, starts: Sequence[Estimate | None]) -> NDArray[
         if start is None or math.isinf(start.rejected_beyond):
             continue
         there = np.flatnonzero(np.isfinite(field).all(axis=1))
-        out = with_runs(np.abs(distances(field[there], start.ellipsoid)) > start.rejected_beyond)
+        out = extend_to_runs(np.abs(distances(field[there], start.ellipsoid)) > start.rejected_beyond)
         if np.count_nonzero(out) <= MAX_OUTLIER_SHARE * len(there):
             outliers[sensor, there[out]] = True
     return outliers
@@ -405,7 +405,7 @@ def _unit(vectors: Floats) -> Floats:
     return unit
 
 
-def _correct(several: Several, fields: Floats) -> Floats:
+def _correct(several: MultiSensorFit, fields: Floats) -> Floats:
     """(m, N, 3) corrected readings of all sensors, in the axes of the reference."""
     return np.stack([several.corrected(index, field) for index, field in enumerate(fields)])
 
@@ -416,7 +416,7 @@ def nearest_axes(rotation: Floats) -> tuple[str, float]:
     >>> nearest_axes(np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
     ('-y,x,z', 0.0)
     """
-    matrices = [axes.apply(np.eye(3)).T for axes in EXCHANGES]
+    matrices = [axes.apply(np.eye(3)).T for axes in SIGNED_PERMUTATIONS]
     best = int(np.argmax([float(np.sum(matrix * rotation)) for matrix in matrices]))
     cosine = 0.5 * (float(np.sum(matrices[best] * rotation)) - 1.0)
-    return str(EXCHANGES[best]), float(np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0))))
+    return str(SIGNED_PERMUTATIONS[best]), float(np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0))))

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.geometry.ellipsoid import gathered, upper
+from flinders.geometry.ellipsoid import parameter_derivatives, upper_entries
 from flinders.heading.error_propagation import level_fields, level_turn
 from flinders.summary.pooling import chi_squares
 
@@ -89,10 +89,12 @@ class Pairs:
         shapes = [
             factor[:, np.newaxis, np.newaxis] * one.shape for factor, one in zip(factors, (first, second), strict=True)
         ]
-        claimed = [rescaled(one.covariance, factor) for one, factor in zip((first, second), factors, strict=True)]
+        claimed = [
+            rescale_covariance(one.covariance, factor) for one, factor in zip((first, second), factors, strict=True)
+        ]
         if strengths is None:
             middle = (shapes[0] + shapes[1]) / 2.0
-            claimed = [without_scale(each, middle, middle) for each in claimed]
+            claimed = [remove_scale(each, middle, middle) for each in claimed]
         scale = second.radius / first.radius * (1.0 if strengths is None else strengths[0] / strengths[1]) - 1.0
         return cls(second.centre - first.centre, shapes[0], shapes[1], claimed[0] + claimed[1], scale)
 
@@ -105,10 +107,10 @@ class Pairs:
     def chi_square(self, parameters: Sequence[int] = range(9)) -> tuple[Floats, Floats]:
         """(n,) χ² of the differences against their covariances, and ranks of the covariances."""
         chosen = list(parameters)
-        difference = np.concatenate([self.moved, upper(self.second - self.first)], axis=1)[:, chosen]
+        difference = np.concatenate([self.moved, upper_entries(self.second - self.first)], axis=1)[:, chosen]
         return chi_squares(difference, self.covariance[:, chosen][:, :, chosen])
 
-    def corrected(self, directions: Floats) -> tuple[Floats, Floats]:
+    def cross_correct(self, directions: Floats) -> tuple[Floats, Floats]:
         """(n, 3, K) readings of the first for (3, K) directions corrected by the second, and the reverse."""
         moved = self.moved[:, :, np.newaxis]
         forth = np.linalg.solve(self.second, self.first @ directions - moved)
@@ -117,7 +119,7 @@ class Pairs:
     def heading_deg(self, dip_deg: float) -> tuple[Floats, Floats, Floats]:
         """(n,) rms and worst heading difference over a level turn, without its mean, and the mean; in degrees."""
         directions = level_turn(dip_deg)[1]
-        forth, back = (_turns(seen, directions) for seen in self.corrected(directions))
+        forth, back = (_turns(seen, directions) for seen in self.cross_correct(directions))
         turns = (forth, np.conj(back))
         means = [np.angle(turn.mean(axis=1)) for turn in turns]
         errors = [np.angle(turn * np.exp(-1j * mean)[:, np.newaxis]) for turn, mean in zip(turns, means, strict=True)]
@@ -126,7 +128,7 @@ class Pairs:
 
     def direction_deg(self, directions: Floats) -> Floats:
         """(n,) angle between the corrected fields in degrees, rms over (3, K) directions and both orders."""
-        angles = [_angles(seen, directions) for seen in self.corrected(directions)]
+        angles = [_angles(seen, directions) for seen in self.cross_correct(directions)]
         rms: Floats = np.rad2deg(np.sqrt(np.mean(np.square(np.concatenate(angles, axis=1)), axis=1)))
         return rms
 
@@ -136,7 +138,7 @@ class Pairs:
         Gradients are those of `flinders.heading.error_propagation.level_gradients`.
         """
         across, directions = level_fields(dip_deg)
-        gradient = gathered(np.linalg.solve(self.middle, across), directions)
+        gradient = parameter_derivatives(np.linalg.solve(self.middle, across), directions)
         gradient -= gradient.mean(axis=1, keepdims=True)
 
         def variance(part: slice) -> Floats:
@@ -176,16 +178,16 @@ class Differences:
     @property
     def p_value(self) -> Floats:
         """(n,) probability of a difference as large by chance."""
-        return chances(self.chi_square, self.freedom)
+        return p_values(self.chi_square, self.freedom)
 
-    def inflated(self, factor: float | Floats) -> Self:
+    def inflate(self, factor: float | Floats) -> Self:
         """Differences with the claimed variances multiplied by a factor, for all or (n,) for each."""
         root = np.sqrt(factor)
         sigmas = {name: root * getattr(self, name) for name in SIGMA_COLUMNS}
         return replace(self, chi_square=self.chi_square / factor, **sigmas)
 
     @classmethod
-    def joined(cls, parts: Iterable[Differences], rows: Sequence[NDArray[np.intp]]) -> Self:
+    def concatenate(cls, parts: Iterable[Differences], rows: Sequence[NDArray[np.intp]]) -> Self:
         """Concatenate differences of pairs with the indices `rows`, in the order of these."""
         order = np.argsort(np.concatenate([*rows, np.empty(0, dtype=np.intp)]))
         every = list(parts)
@@ -204,7 +206,7 @@ def differences(first: EllipsoidPairs, second: EllipsoidPairs, *, dip_deg: float
     """
     chunks = list(_chunks(len(first), dip_deg))
     parts = (_differences(Pairs.of(first[rows], second[rows]), dip) for rows, dip in chunks)
-    return Differences.joined(parts, [rows for rows, _ in chunks])
+    return Differences.concatenate(parts, [rows for rows, _ in chunks])
 
 
 def offset_heading_deg(moved: Floats, shape: Floats, *, dip_deg: float | Floats = 60.0) -> Floats:
@@ -216,12 +218,12 @@ def offset_heading_deg(moved: Floats, shape: Floats, *, dip_deg: float | Floats 
     return worst
 
 
-def chances(chi_square: Floats, freedom: Floats) -> Floats:
+def p_values(chi_square: Floats, freedom: Floats) -> Floats:
     """(n,) exact probability of a chi-square as large by chance; 1 without degrees of freedom.
 
     Q(ν + 2, x) = Q(ν, x) + (x/2)^(ν/2) exp(−x/2) / Γ(ν/2 + 1), from Q(1, x) = erfc √(x/2) and Q(2, x) = exp(−x/2).
 
-    >>> chances(np.array([16.919, 15.507, 60.0, 5.0, np.inf]), np.array([9, 8, 3, 0, 3])).tolist()
+    >>> p_values(np.array([16.919, 15.507, 60.0, 5.0, np.inf]), np.array([9, 8, 3, 0, 3])).tolist()
     [0.05, 0.05, 5.9e-13, 1.0, 0.0]
     """
     half: Floats = np.asarray(chi_square, float).clip(0.0, 1e300) / 2.0
@@ -276,7 +278,7 @@ def _differences(pairs: Pairs, dip_deg: float) -> Differences:
     )
 
 
-def rescaled(covariance: Floats, factor: float | Floats) -> Floats:
+def rescale_covariance(covariance: Floats, factor: float | Floats) -> Floats:
     """(..., 9, 9) covariances of (b, S) after multiplication of the shapes S by (...) factors."""
     factors = np.ones((*np.shape(factor), 9))
     factors[..., 3:] = np.asarray(factor)[..., np.newaxis]
@@ -284,7 +286,7 @@ def rescaled(covariance: Floats, factor: float | Floats) -> Floats:
     return scaled
 
 
-def without_scale(covariance: Floats, shape: Floats, reference: Floats) -> Floats:
+def remove_scale(covariance: Floats, shape: Floats, reference: Floats) -> Floats:
     """(..., 9, 9) covariances of (b, S) after scaling (..., 3, 3) S to the size of a reference R, tr(R⁻¹S) = 3.
 
     For S near R that is the same determinant: S/s with s = tr(R⁻¹S)/3 changes by δS − S tr(R⁻¹δS)/3, where `shape` is S
@@ -292,14 +294,14 @@ def without_scale(covariance: Floats, shape: Floats, reference: Floats) -> Float
     direction, that of R⁻¹.
     """
     jacobian = np.tile(np.eye(9), (*shape.shape[:-2], 1, 1))
-    jacobian[..., 3:, 3:] -= upper(shape)[..., :, np.newaxis] * trace_with(reference)[..., np.newaxis, :] / 3.0
+    jacobian[..., 3:, 3:] -= upper_entries(shape)[..., :, np.newaxis] * trace_with(reference)[..., np.newaxis, :] / 3.0
     projected: Floats = jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
     return (projected + np.swapaxes(projected, -1, -2)) / 2.0  # the rank is then 8 except for rounding
 
 
 def trace_with(reference: Floats) -> Floats:
-    """(..., 6) coefficients of tr(R⁻¹S) for the entries of S in the order of `upper`."""
-    coefficients: Floats = upper(np.linalg.inv(reference)) * [1.0, 1.0, 1.0, 2.0, 2.0, 2.0]
+    """(..., 6) coefficients of tr(R⁻¹S) for the entries of S in the order of `upper_entries`."""
+    coefficients: Floats = upper_entries(np.linalg.inv(reference)) * [1.0, 1.0, 1.0, 2.0, 2.0, 2.0]
     return coefficients
 
 

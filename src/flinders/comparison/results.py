@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from flinders.heading.error_propagation import HeadingError
 
 
-def printed(result: object, *names: str) -> dict[str, Any]:
+def json_attributes(result: object, *names: str) -> dict[str, Any]:
     """Attributes of a result as JSON values, by name."""
     return {name: _plain(getattr(result, name)) for name in names}
 

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from flinders.comparison.results import printed
+from flinders.comparison.results import json_attributes
 from flinders.geometry.rotation import rotation_vectors
 from flinders.heading.error_propagation import HEADINGS
 from flinders.native.engine import engine
-from flinders.summary.pooling import chance_of, chi_square_of
+from flinders.summary.pooling import chi_square_of, p_value_of
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -81,7 +81,7 @@ class RotationDifference:
     @property
     def p_value(self) -> float | None:
         """Probability of a difference as large by chance; None without a covariance."""
-        return None if self.covariance is None else chance_of(*self.chi_square)
+        return None if self.covariance is None else p_value_of(*self.chi_square)
 
     @property
     def chi_square(self) -> tuple[float, int]:
@@ -115,7 +115,7 @@ class RotationDifference:
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
-        return printed(self, "vector_deg", "sigma_deg", "angle_deg", "p_value")
+        return json_attributes(self, "vector_deg", "sigma_deg", "angle_deg", "p_value")
 
 
 def rotation_covariance(fit: Fit) -> Floats | None:

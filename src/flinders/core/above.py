@@ -7,5 +7,5 @@ from typing import TYPE_CHECKING, Any, Final
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-ABOVE: Final[dict[str, Callable[..., Any]]] = {}
+UPPER_FUNCTIONS: Final[dict[str, Callable[..., Any]]] = {}
 """``html`` of a fit for a notebook, ``plot`` of a fit and its recording, ``correct_frame`` of a calibration."""

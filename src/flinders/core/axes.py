@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.arrays import Floats, vectors
+from flinders.arrays import Floats, check_vectors
 from flinders.errors import AxesError
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ class Axes:
         >>> Axes.of("x,-y,z").mirrored_axis, Axes.of("-y,-x,z").mirrored_axis, Axes.of("y,-x,z").mirrored_axis
         ('y', 'x', '')
         """
-        return max(AXIS_NAMES, key=lambda axis: self.turned_over(axis).trace) if self.is_mirror else ""
+        return max(AXIS_NAMES, key=lambda axis: self.reverse_axis(axis).trace) if self.is_mirror else ""
 
     @property
     def matrix(self) -> Floats:
@@ -86,10 +86,10 @@ class Axes:
         """Trace of `matrix`; of a rotation by an angle α it is 1 + 2 cos α."""
         return sum(self.signs[place] for place, index in enumerate(self.order) if index == place)
 
-    def turned_over(self, axis: str) -> Axes:
+    def reverse_axis(self, axis: str) -> Axes:
         """The same mapping for readings whose recorded `axis` has its sign changed first.
 
-        >>> str(Axes.of("y,x,-z").turned_over("x"))
+        >>> str(Axes.of("y,x,-z").reverse_axis("x"))
         'y,-x,-z'
         """
         over = AXIS_NAMES.index(axis)
@@ -98,7 +98,7 @@ class Axes:
 
     def apply(self, vector: ArrayLike) -> Floats:
         """Map (..., 3) vectors from the recorded axes to the new axes; NaN and infinity pass through."""
-        recorded = vectors(vector, finite=False)
+        recorded = check_vectors(vector, finite=False)
         return recorded if self.is_identity else recorded[..., list(self.order)] * np.array(self.signs, float)
 
     def __str__(self) -> str:
@@ -120,27 +120,27 @@ def _parse_axes(text: str) -> Axes:
     return Axes((x, y, z), (a, b, c))
 
 
-EXCHANGES: Final = tuple(
+SIGNED_PERMUTATIONS: Final = tuple(
     Axes(order, signs)  # type: ignore[arg-type]  # three of each
     for order in permutations(range(3))
     for signs in product((1, -1), repeat=3)
 )
 """The 48 signed permutations of axes, including mirror images; the identity first."""
 
-TURNS: Final = tuple(axes for axes in EXCHANGES if not axes.is_mirror)
+AXIS_ROTATIONS: Final = tuple(axes for axes in SIGNED_PERMUTATIONS if not axes.is_mirror)
 """The 24 signed permutations that are rotations; the identity first."""
 
 
-def of_the_hand_of(rotation: Floats) -> tuple[Axes, ...]:
+def same_handed_axes(rotation: Floats) -> tuple[Axes, ...]:
     """The 24 signed permutations whose determinant has the sign of that of (3, 3) `rotation`."""
     is_mirror = float(np.linalg.det(rotation)) < 0.0
-    return tuple(axes for axes in EXCHANGES if axes.is_mirror == is_mirror)
+    return tuple(axes for axes in SIGNED_PERMUTATIONS if axes.is_mirror == is_mirror)
 
 
-def nearest_to(rotation: Floats) -> Axes:
+def nearest_axes(rotation: Floats) -> Axes:
     """The signed permutation of the same handedness that is nearest to (3, 3) `rotation`.
 
-    >>> str(nearest_to(np.array([[0.1, -0.995, 0.0], [0.995, 0.1, 0.0], [0.0, 0.0, 1.0]])))
+    >>> str(nearest_axes(np.array([[0.1, -0.995, 0.0], [0.995, 0.1, 0.0], [0.0, 0.0, 1.0]])))
     '-y,x,z'
     """
-    return max(of_the_hand_of(rotation), key=lambda axes: float(np.sum(axes.matrix * rotation)))
+    return max(same_handed_axes(rotation), key=lambda axes: float(np.sum(axes.matrix * rotation)))

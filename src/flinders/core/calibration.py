@@ -20,8 +20,18 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar, get_args, overload
 import numpy as np
 from msgspec import to_builtins
 
-from flinders.arrays import Floats, Value, floats, four_digits, frozen, matrix, positive, triple, vectors
-from flinders.core.above import ABOVE
+from flinders.arrays import (
+    Floats,
+    Value,
+    check_matrix,
+    check_positive,
+    check_triple,
+    check_vectors,
+    four_digits,
+    read_only_copy,
+    to_floats,
+)
+from flinders.core.above import UPPER_FUNCTIONS
 from flinders.core.axes import Axes
 from flinders.core.calibration_file import (
     Correction,
@@ -34,13 +44,25 @@ from flinders.core.calibration_file import (
     read,
     write,
 )
-from flinders.core.calibration_parts import fields_in, records_of, refuse_disturbances, refuse_linearization
-from flinders.core.disturbance import Disturbance, checked, disturbed_alike, effect, known, named
+from flinders.core.calibration_parts import (
+    calibration_arguments,
+    disturbance_records,
+    refuse_disturbances,
+    refuse_linearization,
+)
+from flinders.core.disturbance import (
+    Disturbance,
+    check_disturbances,
+    have_equal_disturbances,
+    kind_of,
+    shift_and_gain,
+    values_by_name,
+)
 from flinders.core.frames import is_frame
-from flinders.core.linearization import bend_alike
-from flinders.core.notebook import correction
-from flinders.core.symmetric_matrix import invertible, is_positive, symmetric
-from flinders.core.units import Unit, label
+from flinders.core.linearization import have_equal_linearization
+from flinders.core.notebook import correction_html
+from flinders.core.symmetric_matrix import check_invertible, check_symmetric, is_positive_definite
+from flinders.core.units import Unit, unit_label
 from flinders.errors import ArrayError, AxesError, DocumentError, UnitError, UsageError
 from flinders.geometry.angles import deflection_deg
 from flinders.geometry.ellipsoid import Ellipsoid
@@ -54,8 +76,8 @@ if TYPE_CHECKING:
     from flinders.core.frames import HasColumns
     from flinders.core.linearization import Linearization
 
-UNSTATED: Final = Unit.of()
-AS_RECORDED: Final = Axes()
+UNKNOWN_UNIT: Final = Unit.of()
+RECORDED_AXES: Final = Axes()
 Frame = TypeVar("Frame", bound="HasColumns | Mapping[Any, Any]")
 ROTATIONS: Final = get_args(Rotation)
 
@@ -68,7 +90,7 @@ class Calibration(Value):
     ------
     ArrayError
         For a wrong shape, values that are not finite, a singular matrix, or a matrix that is not symmetric
-        although `rotation` is ``symmetric``.
+        although `rotation` is ``check_symmetric``.
     UsageError
         For a field strength that is not a positive number, or a value of `rotation` that is not known.
     """
@@ -78,11 +100,11 @@ class Calibration(Value):
     field_strength: float  #: in `unit`: length of corrected readings
     #: whether the field strength was given; otherwise it follows from a matrix of determinant 1
     field_strength_known: bool = False
-    #: an ellipsoid determines the matrix only up to a rotation on the left. ``symmetric``: the symmetric matrix, by
+    #: an ellipsoid determines the matrix only up to a rotation on the left. ``check_symmetric``: the symmetric matrix, by
     #: convention; ``estimated``: the fit determined the rotation; ``composed``: a product or inverse.
     rotation: Rotation = "symmetric"
-    raw: Unit = UNSTATED  #: the unit the recording was written in; ``raw.inside`` is the unit of the calibration
-    axes: Axes = AS_RECORDED  #: mapping of the recorded axes before `apply`
+    raw: Unit = UNKNOWN_UNIT  #: the unit the recording was written in; ``raw.inside`` is the unit of the calibration
+    axes: Axes = RECORDED_AXES  #: mapping of the recorded axes before `apply`
     sensor: str | None = None  #: name or serial number
     #: frame of the recorded axes: ``sensor``; or ``vehicle`` if the logger rotated the readings by the mounting of the
     #: sensor. `axes` maps either of them.
@@ -97,15 +119,20 @@ class Calibration(Value):
         """Check the numbers and keep read-only copies of them."""
         if self.rotation not in ROTATIONS:
             raise UsageError(f"rotation is {self.rotation!r}: need one of {', '.join(ROTATIONS)}")
-        object.__setattr__(self, "matrix", frozen(invertible(self.matrix, self.rotation)))
-        object.__setattr__(self, "offset", frozen(triple(self.offset, "offset")))
-        object.__setattr__(self, "field_strength", positive(self.field_strength, "field_strength"))
+        object.__setattr__(self, "matrix", read_only_copy(check_invertible(self.matrix, self.rotation)))
+        object.__setattr__(self, "offset", read_only_copy(check_triple(self.offset, "offset")))
+        object.__setattr__(self, "field_strength", check_positive(self.field_strength, "field_strength"))
         if self.disturbances:
-            object.__setattr__(self, "disturbances", checked(self.disturbances))
+            object.__setattr__(self, "disturbances", check_disturbances(self.disturbances))
 
     @classmethod
     def identity(
-        cls, *, field_strength: float = 1.0, raw: Unit = UNSTATED, axes: Axes = AS_RECORDED, sensor: str | None = None
+        cls,
+        *,
+        field_strength: float = 1.0,
+        raw: Unit = UNKNOWN_UNIT,
+        axes: Axes = RECORDED_AXES,
+        sensor: str | None = None,
     ) -> Calibration:
         """The calibration that changes no reading, as the start of a chain of calibrations.
 
@@ -121,8 +148,8 @@ class Calibration(Value):
         shape: ArrayLike,
         *,
         field_strength: float | None = None,
-        raw: Unit = UNSTATED,
-        axes: Axes = AS_RECORDED,
+        raw: Unit = UNKNOWN_UNIT,
+        axes: Axes = RECORDED_AXES,
         sensor: str | None = None,
         frame: str = "sensor",
     ) -> Calibration:
@@ -149,14 +176,14 @@ class Calibration(Value):
         >>> round(found.field_strength, 4), np.diag(found.matrix).round(5)
         (31.0723, array([1.03574, 1.55362, 0.62145]))
         """
-        array = symmetric(matrix(shape, "shape"), "shape")
-        ellipsoid = Ellipsoid(vectors(centre, "centre"), (array + array.T) / 2)
+        array = check_symmetric(check_matrix(shape, "shape"), "shape")
+        ellipsoid = Ellipsoid(check_vectors(centre, "centre"), (array + array.T) / 2)
         if not ellipsoid.semi_axes[0] > 0.0:
             radii = np.array2string(ellipsoid.semi_axes, precision=4)
             raise ArrayError(f"shape has radii {radii}: all three must be positive")
         known = field_strength is not None
-        strength = positive(field_strength, "field_strength") if known else ellipsoid.radius
-        inverse = strength * floats(np.linalg.inv(ellipsoid.shape))
+        strength = check_positive(field_strength, "field_strength") if known else ellipsoid.radius
+        inverse = strength * to_floats(np.linalg.inv(ellipsoid.shape))
         inverse = (inverse + inverse.T) / 2.0 + 0.0  # no zero is negative
         made = cls(inverse, ellipsoid.centre, strength, known, raw=raw, axes=axes, sensor=sensor, frame=frame)
         vars(made)["ellipsoid"] = ellipsoid
@@ -170,13 +197,13 @@ class Calibration(Value):
     @property
     def shape(self) -> Floats:
         """(3, 3), in `unit`: maps unit directions of the field to readings about the offset, ``F matrix⁻¹``."""
-        return self.field_strength * floats(np.linalg.inv(self.matrix))
+        return self.field_strength * to_floats(np.linalg.inv(self.matrix))
 
     @cached_property
     def ellipsoid(self) -> Ellipsoid:
         """Ellipsoid of the raw readings, in the magnetometer's own axes; the rotation has no part in it."""
         shape = self.shape
-        if self.rotation == "symmetric" and is_positive(shape):
+        if self.rotation == "symmetric" and is_positive_definite(shape):
             return Ellipsoid(self.offset, (shape + shape.T) / 2.0)
         squares, axes = np.linalg.eigh(shape @ shape.T)
         return Ellipsoid(self.offset, (axes * np.sqrt(squares)) @ axes.T)
@@ -190,7 +217,7 @@ class Calibration(Value):
 
     @property
     def is_affine(self) -> bool:
-        """Whether the calibration has only `matrix` and `offset`: no disturbance, no linearization."""
+        """Whether the calibration has only `check_matrix` and `offset`: no disturbance, no linearization."""
         return not self.disturbances and self.linearization is None
 
     @property
@@ -218,7 +245,7 @@ class Calibration(Value):
         refuse_linearization(self.linearization, "be inverted")
         radius = self.field_strength * float(np.exp(-np.linalg.slogdet(self.matrix)[1] / 3))
         return Calibration(
-            floats(np.linalg.inv(self.matrix)),
+            to_floats(np.linalg.inv(self.matrix)),
             -self.matrix @ self.offset,
             radius,
             self.field_strength_known,
@@ -293,12 +320,14 @@ class Calibration(Value):
         """
         given = {"current": current, "throttle": throttle, "temperature": temperature, **others}
         if is_frame(raw):
-            return ABOVE["correct_frame"](self, raw, columns=columns, heading=heading, level=level, given=given)
+            return UPPER_FUNCTIONS["correct_frame"](
+                self, raw, columns=columns, heading=heading, level=level, given=given
+            )
         if columns is not None or heading or level:
             raise UsageError("an array has no named columns: to name columns or add headings, give a data frame")
         shift, gain = self._effect(**given)
         with np.errstate(invalid="ignore", over="ignore"):  # infinite readings become NaN
-            readings = vectors(raw, "raw", finite=False)
+            readings = check_vectors(raw, "raw", finite=False)
             if self.is_affine:
                 return (readings - self.offset) @ self.matrix.T
             departures = readings - self.offset - shift
@@ -322,7 +351,7 @@ class Calibration(Value):
         """
         shift, gain = self._effect(current=current, throttle=throttle, temperature=temperature, **others)
         with np.errstate(invalid="ignore", over="ignore"):
-            field = vectors(corrected, "corrected", finite=False) @ np.linalg.inv(self.matrix).T
+            field = check_vectors(corrected, "corrected", finite=False) @ np.linalg.inv(self.matrix).T
             if self.is_affine:
                 return field + self.offset
             linear = field * gain[..., np.newaxis]
@@ -334,7 +363,7 @@ class Calibration(Value):
         """Shift of readings (..., 3) and factor of the field (...) at these values of the disturbances."""
         if not self.disturbances and all(values is None for values in given.values()):
             return np.zeros(3), np.ones(())
-        return effect(self.disturbances, named(self.disturbances, **given))
+        return shift_and_gain(self.disturbances, values_by_name(self.disturbances, **given))
 
     def at(self, **values: float | str) -> Calibration:
         """The calibration at fixed values of its disturbances, without them; by default each is at its reference.
@@ -345,22 +374,22 @@ class Calibration(Value):
         >>> Calibration(np.eye(3), [10, 20, 30], 50.0, disturbances=(motors,)).at(current=10.0).offset
         array([15., 20., 30.])
         """
-        return replace(self.holding(**values), disturbances=()) if self.disturbances or values else self
+        return replace(self.hold_values(**values), disturbances=()) if self.disturbances or values else self
 
-    def holding(self, **values: float | str) -> Calibration:
+    def hold_values(self, **values: float | str) -> Calibration:
         """The calibration at fixed values of some of its disturbances; the other disturbances stay.
 
         Raises `UsageError` for a disturbance that the calibration does not follow, or a value that is not a number.
         """
         ours = {disturbance.name: disturbance for disturbance in self.disturbances}
         for name, value in values.items():
-            known(name)
+            kind_of(name)
             if name not in ours:
                 raise UsageError(f"the calibration does not follow {name}: it follows {', '.join(ours) or 'nothing'}")
             if not np.isfinite(ours[name].numbers(value)):
                 raise UsageError(f"{name} is {value}: need a number")
         fixed = [ours[name] for name in values]
-        shift, gain = effect(fixed, {name: ours[name].numbers(value) for name, value in values.items()})
+        shift, gain = shift_and_gain(fixed, {name: ours[name].numbers(value) for name, value in values.items()})
         left = tuple(disturbance for disturbance in self.disturbances if disturbance.name not in values)
         return replace(self, offset=self.offset + shift, matrix=self.matrix / float(gain), disturbances=left)
 
@@ -375,7 +404,7 @@ class Calibration(Value):
         >>> round(Calibration(np.eye(3), [0, 0, 0], 50.0, disturbances=(motors,)).disturbance_deg(motors), 1)
         23.6
         """
-        shift = disturbance.shift(disturbance.farthest if value is None else value)
+        shift = disturbance.shift(disturbance.extreme_value if value is None else value)
         across = float(np.linalg.norm(self.matrix @ shift)) / (self.field_strength * np.cos(np.deg2rad(dip_deg)))
         return deflection_deg(across)
 
@@ -414,7 +443,7 @@ class Calibration(Value):
             disturbances=first.disturbances,
         )
 
-    def turned(self, axes: Axes) -> Calibration:
+    def map_axes(self, axes: Axes) -> Calibration:
         """The same calibration for readings in the mapped axes `axes`: matrix P W Pᵀ and offset P b for a mapping P.
 
         Raises `AxesError` if the calibration is for mapped readings already.
@@ -445,8 +474,8 @@ class Calibration(Value):
             and abs(field - other.field_strength) <= tolerance * field
             and bool(np.abs(self.offset - other.offset).max() <= tolerance * field)
             and bool(np.abs(self.matrix - other.matrix).max() <= tolerance * gain)
-            and disturbed_alike(self.disturbances, other.disturbances, tolerance * field)
-            and bend_alike(self.linearization, other.linearization, self.shape, tolerance * field)
+            and have_equal_disturbances(self.disturbances, other.disturbances, tolerance * field)
+            and have_equal_linearization(self.linearization, other.linearization, self.shape, tolerance * field)
         )
 
     @classmethod
@@ -468,7 +497,7 @@ class Calibration(Value):
         Raises `DocumentError` for parts that contradict each other, or a singular matrix.
         """
         try:
-            return cls(**fields_in(document.calibration, document.raw))
+            return cls(**calibration_arguments(document.calibration, document.raw))
         except (ArrayError, UnitError, AxesError, UsageError) as error:
             raise DocumentError(f"{source}: {error.message}", hint=error.hint, **error.evidence) from None
 
@@ -476,7 +505,9 @@ class Calibration(Value):
         """Make the content of a calibration file, with the record of its fit and its provenance if given."""
         rows, offset = map(tuple, self.matrix.tolist()), self.offset.tolist()
         content: dict[str, Any] = {**self.as_dict(), "matrix": tuple(rows), "offset": tuple(offset)}
-        content |= {kind: group for kind, group in records_of(self.disturbances).items() if content.pop(kind, None)}
+        content |= {
+            kind: group for kind, group in disturbance_records(self.disturbances).items() if content.pop(kind, None)
+        }
         if terms := content.pop("linearization", None):
             content["linearization"] = LinearizationRecord(**{name: tuple(term) for name, term in terms.items()})
         unit: Any = self.raw.name  # a unit that the schema does not allow is refused when the document is written
@@ -489,7 +520,7 @@ class Calibration(Value):
         >>> Calibration.identity(field_strength=48).as_dict()["offset"]
         [0.0, 0.0, 0.0]
         """
-        follows = {kind: to_builtins(group) for kind, group in records_of(self.disturbances).items() if group}
+        follows = {kind: to_builtins(group) for kind, group in disturbance_records(self.disturbances).items() if group}
         terms = {} if self.linearization is None else self.linearization.as_dict()
         return {
             "offset": self.offset.tolist(),
@@ -513,10 +544,10 @@ class Calibration(Value):
 
     def _repr_html_(self) -> str:
         """HTML of the calibration for a notebook."""
-        unit = label(self.unit)
+        unit = unit_label(self.unit)
         length = f"corrected readings have length {self.field_strength:.4g} {unit}"
         length += "; no field strength was given" * (not self.field_strength_known)
         title = "Calibration" if self.sensor is None else f"Calibration of {self.sensor}"
         words = (length, *(f"the offset follows {disturbance}" for disturbance in self.disturbances))
         terms = None if self.linearization is None else self.linearization.as_dict()
-        return correction(self.matrix.tolist(), self.offset.tolist(), unit, title=title, words=words, terms=terms)
+        return correction_html(self.matrix.tolist(), self.offset.tolist(), unit, title=title, words=words, terms=terms)

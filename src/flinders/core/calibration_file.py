@@ -64,7 +64,7 @@ PARAMETERS: Final = (
 )  # fmt: skip
 """Parameters of the nine rows of an ellipsoid's covariance."""
 
-LARGEST: Final = 16 * 2**20
+MAX_BYTES: Final = 16 * 2**20
 """Largest calibration file in bytes; a usual one has some thousand. A larger file is refused without reading it."""
 
 Triple: TypeAlias = tuple[float, float, float]
@@ -190,7 +190,7 @@ def aiding_record(**columns: Floats | float | None) -> AidingRecord | UnsetType:
     """Make an `AidingRecord` of the values that are given and finite; UNSET if there are none."""
     given = {name: value for name, value in columns.items() if value is not None}
     known = {name: value if isinstance(value, float) else value.tolist() for name, value in given.items()}
-    finite = {name: value for name, value in known.items() if not any(gaps(value))}
+    finite = {name: value for name, value in known.items() if not any(nonfinite_places(value))}
     return msgspec.convert(finite, AidingRecord) if finite else UNSET
 
 
@@ -320,13 +320,13 @@ class Document(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, ta
 
 def read(path: str | os.PathLike[str]) -> Document:
     """Read a calibration file; raises `DocumentError` if it cannot be opened or parsed."""
-    text = read_bytes(path, largest=LARGEST, what="calibration file", refused=DocumentError)
+    text = read_bytes(path, largest=MAX_BYTES, what="calibration file", refused=DocumentError)
     return loads(text, source=os.fspath(path))
 
 
 def loads(text: str | bytes, *, source: str = "calibration") -> Document:
     """Parse the text of a calibration file; `source` names the file in a `DocumentError`."""
-    return understood(text, Document, source, what="a calibration file", refused=DocumentError)
+    return parse_document(text, Document, source, what="a calibration file", refused=DocumentError)
 
 
 def write(document: Document, path: str | os.PathLike[str], *, force: bool = False) -> None:
@@ -343,7 +343,7 @@ def dumps(document: Document) -> str:
         content = msgspec.to_builtins(document, enc_hook=_plain)
     except TypeError as error:
         raise DocumentError(f"calibration: {error}") from None
-    for place in gaps(content):
+    for place in nonfinite_places(content):
         raise DocumentError(f"calibration: {place} is not finite: a calibration file holds finite numbers only")
     return lay_out(msgspec.to_builtins(_convert(content, Document, "calibration", DocumentError))) + "\n"
 
@@ -371,7 +371,7 @@ KIND_WORDS: Final = {
 """Kinds of Flinders files by their tag, in words for messages."""
 
 
-def understood(
+def parse_document(
     text: str | bytes, kind: type[AnyStruct], source: str, *, what: str, refused: type[FlindersError]
 ) -> AnyStruct:
     """Parse a tagged struct of a known schema; raises `refused` for other content. `what` has an article."""
@@ -394,7 +394,7 @@ def _parse(text: bytes, source: str, what: str, refused: type[FlindersError]) ->
     try:
         return msgspec.json.decode(text)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        reason = in_words(error)
+        reason = readable_message(error)
         hint = "the file was cut short" if "truncated" in reason else f"need {what}"
         raise refused(f"{source}: cannot be read as JSON ({reason}): {hint}") from None
 
@@ -416,13 +416,13 @@ def _convert(content: object, kind: type[AnyStruct], source: str, refused: type[
     try:
         return msgspec.convert(content, kind)
     except msgspec.ValidationError as error:
-        raise refused(f"{source}: {in_words(error)}") from None
+        raise refused(f"{source}: {readable_message(error)}") from None
 
 
-def in_words(error: Exception) -> str:
+def readable_message(error: Exception) -> str:
     """Rewrite a message of msgspec: the place of the error first, then the error.
 
-    >>> in_words(ValueError("Expected `array` of length 3, got 2 - at `$.calibration.offset`"))
+    >>> readable_message(ValueError("Expected `array` of length 3, got 2 - at `$.calibration.offset`"))
     'calibration.offset: expected array of length 3, got 2'
     """
     message, _, place = str(error).replace("JSON is malformed: ", "").partition(" - at `$")
@@ -440,13 +440,13 @@ def _plain(value: object) -> object:
     raise TypeError(f"{type(value).__name__} cannot be written to a file")
 
 
-def gaps(value: object, place: str = "") -> Iterator[str]:
+def nonfinite_places(value: object, place: str = "") -> Iterator[str]:
     """Yield the places of numbers that are not finite."""
     if isinstance(value, float) and not math.isfinite(value):
         yield place
     elif isinstance(value, dict):
         for key, member in value.items():
-            yield from gaps(member, f"{place}.{key}".removeprefix("."))
+            yield from nonfinite_places(member, f"{place}.{key}".removeprefix("."))
     elif isinstance(value, list | tuple):
         for index, member in enumerate(value):
-            yield from gaps(member, f"{place}[{index}]")
+            yield from nonfinite_places(member, f"{place}[{index}]")

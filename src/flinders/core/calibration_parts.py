@@ -15,7 +15,7 @@ from msgspec import UNSET
 
 from flinders.core.axes import Axes
 from flinders.core.calibration_file import ColumnRecord, Correction, DisturbanceRecord, Recorded
-from flinders.core.disturbance import BY_KEY, Disturbance, at_reference, is_column
+from flinders.core.disturbance import NAMES_BY_KEY, Disturbance, is_column, reference_hint
 from flinders.core.linearization import Linearization
 from flinders.core.units import COUNTS, MICROTESLA, Unit
 from flinders.errors import UnitError, UsageError
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 
-def records_of(disturbances: Iterable[Disturbance]) -> dict[str, dict[str, DisturbanceRecord | ColumnRecord]]:
+def disturbance_records(disturbances: Iterable[Disturbance]) -> dict[str, dict[str, DisturbanceRecord | ColumnRecord]]:
     """Make the records of disturbances: ``disturbances`` by their keys, ``columns`` by their names in the log.
 
-    >>> records = records_of([Disturbance("current", [1, 0, 0]), Disturbance("current_A", [0, 1, 0])])
+    >>> records = disturbance_records([Disturbance("current", [1, 0, 0]), Disturbance("current_A", [0, 1, 0])])
     >>> {kind: list(group) for kind, group in records.items()}
     {'disturbances': ['current_A'], 'columns': ['current_A']}
     """
@@ -68,7 +68,7 @@ def read_disturbances(correction: Correction) -> tuple[Disturbance, ...]:
     """Disturbances of a file; raises `UsageError` for a column whose name is that of a kind of disturbance."""
     of_kinds = (
         Disturbance(
-            BY_KEY[key],
+            NAMES_BY_KEY[key],
             np.array(one.offset_per_unit),
             one.reference,
             *one.recorded_range,
@@ -96,7 +96,7 @@ def read_linearization(correction: Correction) -> Linearization | None:
     return Linearization(*map(np.array, (terms.quadratic, terms.cubic, terms.limit))) if terms else None
 
 
-def fields_in(correction: Correction, raw: Recorded) -> dict[str, Any]:
+def calibration_arguments(correction: Correction, raw: Recorded) -> dict[str, Any]:
     """Arguments of `Calibration` from the records of a file.
 
     Raises `UnitError`, `AxesError` or `UsageError` for parts that contradict each other.
@@ -122,7 +122,7 @@ def refuse_disturbances(disturbances: tuple[Disturbance, ...], what: str) -> Non
         names = " and ".join(disturbance.name for disturbance in disturbances)
         raise UsageError(
             f"a calibration that follows {names} cannot {what}: take it at fixed values first",
-            hint=at_reference(disturbances),
+            hint=reference_hint(disturbances),
         )
 
 

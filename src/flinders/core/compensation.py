@@ -24,9 +24,9 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from flinders.core.disturbance import at_reference, effect, lagged
+from flinders.core.disturbance import lagged_values, reference_hint, shift_and_gain
 from flinders.core.joining import Joined
-from flinders.core.samples import Recording, Samples, Wrapped
+from flinders.core.samples import Recording, RecordingWrapper, Samples
 from flinders.errors import InputError, figures
 
 if TYPE_CHECKING:
@@ -53,9 +53,9 @@ class Compensator:
             return samples
         if lacking := [disturbance for disturbance in disturbances if not _is_recorded(samples, disturbance)]:
             message = missing_columns_message(self.calibration, lacking, samples.source)
-            raise InputError(message, hint=at_reference(lacking))
+            raise InputError(message, hint=reference_hint(lacking))
         values = {disturbance.name: self._values(disturbance, samples) for disturbance in disturbances}
-        shift, gain = effect(disturbances, values)
+        shift, gain = shift_and_gain(disturbances, values)
         offset, linearization = self.calibration.offset, self.calibration.linearization
         compensated = samples.field - shift
         if linearization is not None:
@@ -64,19 +64,19 @@ class Compensator:
             compensated = offset + (compensated - offset) / gain[..., np.newaxis]
         return replace(samples, field=compensated)
 
-    def words(self) -> Iterator[str]:
+    def warnings(self) -> Iterator[str]:
         """Yield a warning for each disturbance whose values exceeded its recorded range."""
         for disturbance in self.calibration.disturbances:
             share = self.beyond.get(disturbance.name, 0.0)
             if share > 0.0:
-                yield beyond_words(disturbance, share)
+                yield range_warning(disturbance, share)
 
     def _values(self, disturbance: Disturbance, samples: Samples) -> Floats:
         """(N,) value of a disturbance for each reading, one lag earlier; values of earlier blocks are used."""
-        column = disturbance.numbers(cast("Floats", samples.driving(disturbance.name)))
-        self.beyond[disturbance.name] = max(self.beyond.get(disturbance.name, 0.0), disturbance.beyond(column))
+        column = disturbance.numbers(cast("Floats", samples.disturbance_values(disturbance.name)))
+        self.beyond[disturbance.name] = max(self.beyond.get(disturbance.name, 0.0), disturbance.range_excess(column))
         if samples.time is None:
-            return lagged(column, None, 0.0)
+            return lagged_values(column, None, 0.0)
         time, values = samples.time, column
         if disturbance.name in self._before:
             time, values = (
@@ -85,11 +85,11 @@ class Compensator:
             )
         recent = time >= time[-1] - 2.0 * abs(disturbance.lag_s) - 1.0
         self._before[disturbance.name] = time[recent], values[recent]
-        return lagged(values, time, disturbance.lag_s)[-len(samples) :]
+        return lagged_values(values, time, disturbance.lag_s)[-len(samples) :]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Compensated(Wrapped):
+class Compensated(RecordingWrapper):
     """A recording whose blocks are compensated as they are read."""
 
     recording: Recording
@@ -102,12 +102,12 @@ class Compensated(Wrapped):
             yield compensate(block)
 
 
-def compensated(recording: Recording, calibration: Calibration) -> Recording:
+def compensate_recording(recording: Recording, calibration: Calibration) -> Recording:
     """Compensate a recording; the parts of a joined recording are compensated separately."""
     if calibration.is_affine:
         return recording
     if isinstance(recording, Joined):
-        return Joined(tuple(compensated(part, calibration) for part in recording.recordings))
+        return Joined(tuple(compensate_recording(part, calibration) for part in recording.recordings))
     if isinstance(recording, Samples):
         return Compensator(calibration)(recording)
     return Compensated(recording, calibration)
@@ -115,7 +115,7 @@ def compensated(recording: Recording, calibration: Calibration) -> Recording:
 
 def _is_recorded(samples: Samples, disturbance: Disturbance) -> bool:
     """Whether a block has values of a disturbance."""
-    column = samples.driving(disturbance.name)
+    column = samples.disturbance_values(disturbance.name)
     return column is not None and bool(np.isfinite(disturbance.numbers(column)).any())
 
 
@@ -124,7 +124,7 @@ def missing_columns_message(calibration: Calibration, lacking: Sequence[Disturba
     worst = max(lacking, key=calibration.disturbance_deg)
     cost = figures(min(calibration.disturbance_deg(worst), 180.0))
     names, one = " or ".join(disturbance.name for disturbance in lacking), len(lacking) == 1
-    at = worst.amount(worst.farthest) + ("" if one else f" of {worst.name}")
+    at = worst.text_of(worst.extreme_value) + ("" if one else f" of {worst.name}")
     return (
         f"{source} has no {names}, which the calibration corrects for: without {'it' if one else 'them'} headings are "
         f"wrong by up to {cost}° at {at} (dip 60°). Record {'it' if one else 'them'} with the readings, or take the "
@@ -132,10 +132,10 @@ def missing_columns_message(calibration: Calibration, lacking: Sequence[Disturba
     )
 
 
-def beyond_words(disturbance: Disturbance, share: float) -> str:
+def range_warning(disturbance: Disturbance, share: float) -> str:
     """Warning that values of a disturbance exceed its recorded range, by `share` of that range."""
     return (
         f"{disturbance.name} exceeds the calibrated range, {disturbance.lowest:.3g} to "
-        f"{disturbance.amount(disturbance.highest)}, by {share:.0%} of it: "
+        f"{disturbance.text_of(disturbance.highest)}, by {share:.0%} of it: "
         "its offset is extrapolated there; calibrate over the whole range"
     )

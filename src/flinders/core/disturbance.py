@@ -15,11 +15,11 @@ words, which are states.
 Sources: ArduPilot's CompassMot and PX4's CAL_MAG_COMP for the offset of motors; the HMC5883L's data sheet, p. 20, for
 the temperature; Springmann, Cutler (2012) for currents.
 
->>> motors = Disturbance("current", [0.4, 0.0, -0.2], lowest=0.5, highest=27.0)
->>> motors.shift(np.array([0.0, 10.0]))
+>>> motor_names = Disturbance("current", [0.4, 0.0, -0.2], lowest=0.5, highest=27.0)
+>>> motor_names.shift(np.array([0.0, 10.0]))
 array([[ 0.,  0., -0.],
        [ 4.,  0., -2.]])
->>> print(motors)
+>>> print(motor_names)
 current: 0.4, 0, -0.2 per A, from 0 A, recorded 0.5 to 27 A
 >>> charger = Disturbance("charger", [4.0, 0.0, -1.5], highest=1.0, states=("idle", "charging"))
 >>> charger.shift(["idle", "charging"])[:, 0]
@@ -38,8 +38,8 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from flinders.arrays import Floats, Value, floats, frozen, vectors
-from flinders.core.named_columns import RESERVED, coded, unit_in
+from flinders.arrays import Floats, Value, check_vectors, read_only_copy, to_floats
+from flinders.core.named_columns import RESERVED_NAMES, numbers_of, unit_in
 from flinders.errors import ArrayError, UsageError, did_you_mean
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ KINDS: Final[Mapping[str, Kind]] = {
 MOTORS: Final[Mapping[str, str]] = {"current": "currents", "throttle": "throttles"}
 """Kinds that exist for each motor, and the column of `Samples` with one value a motor: motor 2 has ``current2``."""
 
-MOST: Final = 99
+MAX_MOTORS: Final = 99
 """Largest number of motors of a vehicle."""
 
 _NUMBERED: Final = re.compile(rf"({'|'.join(MOTORS)})([1-9]\d?)")
@@ -104,11 +104,11 @@ class Disturbance(Value):
 
     def __post_init__(self) -> None:
         """Check the values and store a read-only copy of the offset."""
-        known(self.name)
-        per_unit = vectors(self.per_unit, f"offset per unit of {self.name}")
+        kind_of(self.name)
+        per_unit = check_vectors(self.per_unit, f"offset per unit of {self.name}")
         if per_unit.shape != (3,):
             raise ArrayError(f"offset per unit of {self.name} has shape {per_unit.shape}: need three numbers")
-        object.__setattr__(self, "per_unit", frozen(per_unit))
+        object.__setattr__(self, "per_unit", read_only_copy(per_unit))
         numbers = (self.reference, self.lowest, self.highest, self.lag_s, self.gain_per_unit)
         if not np.all(np.isfinite(numbers)):
             raise ArrayError(f"{self.name} has {numbers}: reference, range, lag and gain must be finite")
@@ -123,11 +123,11 @@ class Disturbance(Value):
     @property
     def kind(self) -> Kind:
         """Kind of the disturbance, by its name."""
-        return known(self.name)
+        return kind_of(self.name)
 
     def numbers(self, values: ArrayLike) -> Floats:
         """(...) values as numbers, with 0 and 1 for the two states; NaN for a missing value."""
-        return coded(values, self.states, self.name)
+        return numbers_of(values, self.states, self.name)
 
     def with_states(self, states: Sequence[str]) -> Disturbance:
         """A copy with the words that 0 and 1 stand for; the same disturbance if `states` is empty."""
@@ -139,7 +139,7 @@ class Disturbance(Value):
         return self.lowest < self.highest
 
     @property
-    def farthest(self) -> float:
+    def extreme_value(self) -> float:
         """End of the recorded range that is farther from the reference; reference + 1 if the range is not known."""
         if not self.has_range:
             return self.reference + 1.0
@@ -155,7 +155,7 @@ class Disturbance(Value):
         """(...) factor of the earth's field at (...) values."""
         return 1.0 + self.gain_per_unit * (self.numbers(values) - self.reference)
 
-    def beyond(self, values: ArrayLike) -> float:
+    def range_excess(self, values: ArrayLike) -> float:
         """Largest excess of values over the recorded range, as a fraction of it; 0 if the range is not known.
 
         >>> Disturbance("current", [1, 0, 0], lowest=0.0, highest=20.0).beyond([5.0, 25.0, np.nan])
@@ -168,7 +168,7 @@ class Disturbance(Value):
         outside = max(self.lowest - float(seen.min()), float(seen.max()) - self.highest, 0.0)
         return outside / (self.highest - self.lowest)
 
-    def amount(self, value: float) -> str:
+    def text_of(self, value: float) -> str:
         """Write a value with its unit.
 
         >>> Disturbance("temperature", [0, 0, 0]).amount(21.54)
@@ -184,9 +184,9 @@ class Disturbance(Value):
         gain = f", scale {self.gain_per_unit:+.2%} per °C" if self.gain_per_unit else ""
         if self.states:
             return f"{self.name}: {numbers} while {self.states[1]}{lag}, none while {self.states[0]}"
-        ends = f"{_value_text(self.lowest)} to {self.amount(self.highest)}"
+        ends = f"{_value_text(self.lowest)} to {self.text_of(self.highest)}"
         span = f"recorded {ends}" if self.has_range else "range unknown"
-        return f"{self.name}: {numbers} per {self.kind.per}{gain}{lag}, from {self.amount(self.reference)}, {span}"
+        return f"{self.name}: {numbers} per {self.kind.per}{gain}{lag}, from {self.text_of(self.reference)}, {span}"
 
 
 def _value_text(value: float) -> str:
@@ -199,7 +199,7 @@ def _value_text(value: float) -> str:
 
 
 @cache
-def known(name: str) -> Kind:
+def kind_of(name: str) -> Kind:
     """Kind of a disturbance, by its name.
 
     Raises
@@ -209,17 +209,17 @@ def known(name: str) -> Kind:
 
     Examples
     --------
-    >>> known("current"), known("throttle2").key
+    >>> kind_of("current"), kind_of("throttle2").key
     (Kind(key='current_A', unit=' A', per='A', least=0.1, plausible=(-1000.0, 1000.0)), 'throttle2')
-    >>> known("wheel_rpm").per, known("BAT.Curr").per
+    >>> kind_of("wheel_rpm").per, kind_of("BAT.Curr").per
     ('rpm', 'unit of BAT.Curr')
     """
     if name in KINDS:
         return KINDS[name]
-    kind, number = motor(name)
+    kind, number = kind_and_motor(name)
     if number:
         return KINDS[kind]._replace(key=KINDS[kind].key.replace(kind, name))
-    if not name.strip() or name in RESERVED or name in MOTORS.values():
+    if not name.strip() or name in RESERVED_NAMES or name in MOTORS.values():
         raise UsageError(
             f"{name!r} cannot be the name of a disturbance: need {', '.join(KINDS)}, current1, throttle1 … of each "
             "motor, or the name of another column; rename the column in the recording"
@@ -234,61 +234,61 @@ def is_column(name: str) -> bool:
     >>> is_column("wheel_rpm"), is_column("current"), is_column("throttle3"), is_column("currents")
     (True, False, False, False)
     """
-    return not (name in KINDS or name in MOTORS.values() or motor(name)[1])
+    return not (name in KINDS or name in MOTORS.values() or kind_and_motor(name)[1])
 
 
-def motor(name: str) -> tuple[str, int]:
+def kind_and_motor(name: str) -> tuple[str, int]:
     """Kind of a disturbance and number of its motor, counted from 1; 0 if it is not that of one motor.
 
-    >>> motor("current12"), motor("current"), motor("current0")
+    >>> kind_and_motor("current12"), kind_and_motor("current"), kind_and_motor("current0")
     (('current', 12), ('current', 0), ('current0', 0))
     """
     match = _NUMBERED.fullmatch(name)
     return (match[1], int(match[2])) if match else (name, 0)
 
 
-def motors(kind: str, count: int) -> tuple[str, ...]:
+def motor_names(kind: str, count: int) -> tuple[str, ...]:
     """Names of the disturbances of `count` motors, one for each.
 
-    >>> motors("current", 3)
+    >>> motor_names("current", 3)
     ('current1', 'current2', 'current3')
     """
     return tuple(f"{kind}{number + 1}" for number in range(count))
 
 
-BY_KEY: Final[Mapping[str, str]] = {
-    known(name).key: name for name in (*KINDS, *(name for kind in MOTORS for name in motors(kind, MOST)))
+NAMES_BY_KEY: Final[Mapping[str, str]] = {
+    kind_of(name).key: name for name in (*KINDS, *(name for kind in MOTORS for name in motor_names(kind, MAX_MOTORS)))
 }
 """Names of disturbances by their keys in a calibration file."""
 
 
-def place_of(name: str) -> tuple[int, int, str]:
+def sort_key(name: str) -> tuple[int, int, str]:
     """Sort key of a disturbance: the order of `KINDS`, the total before the single motors; columns of the log last.
 
-    >>> sorted(["wheel", "temperature", "throttle", "current10", "current2", "current"], key=place_of)
+    >>> sorted(["wheel", "temperature", "throttle", "current10", "current2", "current"], key=sort_key)
     ['current', 'current2', 'current10', 'throttle', 'temperature', 'wheel']
     """
-    known(name)
-    kind, number = motor(name)
+    kind_of(name)
+    kind, number = kind_and_motor(name)
     return (len(KINDS), 0, name) if is_column(name) else (list(KINDS).index(kind), number, "")
 
 
-def checked(disturbances: Iterable[Disturbance]) -> tuple[Disturbance, ...]:
-    """Sort disturbances by `place_of` and refuse two of the same name.
+def check_disturbances(disturbances: Iterable[Disturbance]) -> tuple[Disturbance, ...]:
+    """Sort disturbances by `sort_key` and refuse two of the same name.
 
     Raises
     ------
     UsageError
         For two of one name.
     """
-    listed = sorted(disturbances, key=lambda disturbance: place_of(disturbance.name))
+    listed = sorted(disturbances, key=lambda disturbance: sort_key(disturbance.name))
     for one, other in pairwise(listed):
         if one.name == other.name:
             raise UsageError(f"{one.name} is given twice: give each disturbance once")
     return tuple(listed)
 
 
-def named(followed: Sequence[Disturbance] = (), /, **columns: ArrayLike | None) -> dict[str, ArrayLike]:
+def values_by_name(followed: Sequence[Disturbance] = (), /, **columns: ArrayLike | None) -> dict[str, ArrayLike]:
     """Values by the name of their disturbance; ``currents`` and ``throttles``, (..., M), are split by motor.
 
     Raises
@@ -296,14 +296,14 @@ def named(followed: Sequence[Disturbance] = (), /, **columns: ArrayLike | None) 
     UsageError
         For a name that is not a known kind and not that of a disturbance in `followed`.
 
-    >>> named(current=None, throttle=0.5, currents=[1.0, 2.0])
+    >>> values_by_name(current=None, throttle=0.5, currents=[1.0, 2.0])
     {'throttle': 0.5, 'current1': array(1.), 'current2': array(2.)}
     """
     given: dict[str, ArrayLike] = {name: values for name, values in columns.items() if values is not None}
     for kind, many in MOTORS.items():
         if many in given:
-            table = np.atleast_1d(floats(given.pop(many), many))
-            given |= {name: table[..., place] for place, name in enumerate(motors(kind, table.shape[-1]))}
+            table = np.atleast_1d(to_floats(given.pop(many), many))
+            given |= {name: table[..., place] for place, name in enumerate(motor_names(kind, table.shape[-1]))}
     ours = {one.name for one in followed}
     for name in given:
         if is_column(name) and name not in ours:
@@ -313,7 +313,9 @@ def named(followed: Sequence[Disturbance] = (), /, **columns: ArrayLike | None) 
     return given
 
 
-def effect(disturbances: Sequence[Disturbance], values: Mapping[str, ArrayLike | None]) -> tuple[Floats, Floats]:
+def shift_and_gain(
+    disturbances: Sequence[Disturbance], values: Mapping[str, ArrayLike | None]
+) -> tuple[Floats, Floats]:
     """Change of the offset (..., 3) and factor of the earth's field (...) at values of the disturbances.
 
     Raises
@@ -324,7 +326,7 @@ def effect(disturbances: Sequence[Disturbance], values: Mapping[str, ArrayLike |
     Examples
     --------
     >>> warm = Disturbance("temperature", [0.1, 0.0, 0.0], reference=20.0, gain_per_unit=0.01)
-    >>> shift, gain = effect([warm], {"temperature": [20.0, 30.0]})
+    >>> shift, gain = shift_and_gain([warm], {"temperature": [20.0, 30.0]})
     >>> shift[:, 0], gain
     (array([0., 1.]), array([1. , 1.1]))
     """
@@ -335,24 +337,24 @@ def effect(disturbances: Sequence[Disturbance], values: Mapping[str, ArrayLike |
             raise UsageError(
                 f"the calibration corrects for {disturbance.name}, which was not given: give it for each reading, or "
                 "take the calibration at a fixed value",
-                hint={disturbance.name: None, **at_reference([disturbance])},
+                hint={disturbance.name: None, **reference_hint([disturbance])},
             )
         shift = shift + disturbance.shift(given)
         gain = gain * disturbance.gain(given)
     return shift, gain
 
 
-def at_reference(disturbances: Iterable[Disturbance]) -> Hint:
+def reference_hint(disturbances: Iterable[Disturbance]) -> Hint:
     """Hint for an error: take the calibration at the reference values of these disturbances."""
     return {"at": {one.name: one.states[0] if one.states else one.reference for one in disturbances}}
 
 
-def lagged(values: Floats, time: Floats | None, lag_s: float) -> Floats:
+def lagged_values(values: Floats, time: Floats | None, lag_s: float) -> Floats:
     """(N,) values that were logged `lag_s` before each of (N,) times, in s; the first value before the first time.
 
     Gaps are interpolated linearly. Without times the lag is ignored, and gaps are interpolated over the index.
 
-    >>> lagged(np.array([0.0, 1.0, np.nan, 3.0]), np.array([0.0, 1.0, 2.0, 3.0]), 0.5)
+    >>> lagged_values(np.array([0.0, 1.0, np.nan, 3.0]), np.array([0.0, 1.0, 2.0, 3.0]), 0.5)
     array([0. , 0.5, 1.5, 2.5])
     """
     is_known = np.isfinite(values)
@@ -372,12 +374,12 @@ def lagged(values: Floats, time: Floats | None, lag_s: float) -> Floats:
     return earlier
 
 
-def disturbed_alike(ours: tuple[Disturbance, ...], theirs: tuple[Disturbance, ...], tolerance: float) -> bool:
+def have_equal_disturbances(ours: tuple[Disturbance, ...], theirs: tuple[Disturbance, ...], tolerance: float) -> bool:
     """Whether both change the offset alike, within `tolerance` over the recorded ranges."""
     if [disturbance.name for disturbance in ours] != [disturbance.name for disturbance in theirs]:
         return False
     return all(
         bool(np.abs(one.shift(end) - other.shift(end)).max() <= tolerance) and one.lag_s == other.lag_s
         for one, other in zip(ours, theirs, strict=True)
-        for end in (one.reference, one.lowest, one.highest, one.farthest)
+        for end in (one.reference, one.lowest, one.highest, one.extreme_value)
     )

@@ -1,6 +1,6 @@
 """Durations written in a suitable unit, seconds to years.
 
->>> duration(40.0), duration(700.0), duration(2e4), duration(1e6), duration(1e8), duration(math.inf)
+>>> duration_text(40.0), duration_text(700.0), duration_text(2e4), duration_text(1e6), duration_text(1e8), duration_text(math.inf)
 ('40 s', '12 min', '5.6 h', '12 days', '3.2 years', 'any time')
 """
 
@@ -15,7 +15,7 @@ UNITS: Final = (("years", 365.25 * 86400.0, 1.0), ("days", 86400.0, 2.0), ("h", 
 """Name, size in seconds, and smallest number of this unit that is written in it."""
 
 
-def duration(seconds: float) -> str:
+def duration_text(seconds: float) -> str:
     """Write a duration to two digits in a suitable unit."""
     if math.isinf(seconds):
         return "any time"

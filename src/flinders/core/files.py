@@ -4,13 +4,13 @@ A file is first written to a temporary file in the same folder, which is renamed
 on the disk. No reader sees a partial file, and an interrupted run leaves none.
 
 A compressed file of a few kilobytes can expand until the disk or the memory is full. A stream of more than
-`LARGE` bytes is refused during decompression once it exceeds `MOST_RATIO` times its compressed size; a chunk
-that has to be in memory as a whole is refused at `MOST_PIECE` bytes.
+`MIN_RATIO_BYTES` bytes is refused during decompression once it exceeds `MAX_RATIO` times its compressed size; a chunk
+that has to be in memory as a whole is refused at `MAX_CHUNK_BYTES` bytes.
 
 >>> import zlib
->>> unpacked_piece(zlib.decompressobj(), zlib.compress(b"whole"))
+>>> decompress_chunk(zlib.decompressobj(), zlib.compress(b"whole"))
 b'whole'
->>> sum(map(len, metered("zeros.csv.gz", [bytes(1 << 23)] * 3, lambda: 20_000)))
+>>> sum(map(len, limit_size("zeros.csv.gz", [bytes(1 << 23)] * 3, lambda: 20_000)))
 Traceback (most recent call last):
 flinders.errors.UnreadableInput: zeros.csv.gz unpacks to more than 24 MB from 20,000 bytes, as no recording does: unpack
 it yourself if you trust it
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     from flinders.errors import FlindersError
 
-REASONS: Final = {
+REASONS_BY_ERRNO: Final = {
     errno.ENOENT: "no such file or folder: check the name",
     errno.ENOTDIR: "a part of its path is a file, not a folder: check the name",
     errno.EISDIR: "it is a directory: give the name of a file",
@@ -51,21 +51,21 @@ REASONS: Final = {
 }
 """Reason and remedy for errors of the operating system, by their number."""
 
-LARGE, MOST_RATIO = 16 << 20, 250
+MIN_RATIO_BYTES, MAX_RATIO = 16 << 20, 250
 """Size in bytes from which the ratio is checked, and the largest ratio of decompressed to compressed size.
 
 A table of digits compresses to a fifth, zeros to a thousandth.
 """
-MOST_PIECE: Final = 1 << 30
+MAX_CHUNK_BYTES: Final = 1 << 30
 """Largest decompressed size of one chunk in bytes; a chunk of a bag has a few million."""
 MAX_OWNER_BYTES: Final = 200  # bytes: longest name of the program that holds a lock
 LOCK_OFFSET: Final = 1 << 20  # offset of the locked byte in a lock file on Windows
 
 
-def reason(error: OSError | ValueError) -> str:
+def reason_and_remedy(error: OSError | ValueError) -> str:
     """Reason and remedy for an error that a path caused, in words."""
     if isinstance(error, OSError) and error.errno is not None:
-        return REASONS.get(error.errno, error.strerror or str(error))
+        return REASONS_BY_ERRNO.get(error.errno, error.strerror or str(error))
     return str(error)
 
 
@@ -88,7 +88,7 @@ def read_bytes(path: str | os.PathLike[str], *, largest: int, what: str, refused
         with Path(path).open("rb") as file:
             text = file.read(largest + 1)
     except (OSError, ValueError) as error:
-        raise refused(f"{path}: cannot be read: {reason(error)}") from None
+        raise refused(f"{path}: cannot be read: {reason_and_remedy(error)}") from None
     if len(text) > largest:
         raise refused(f"{path}: more than {largest // 2**20} MB is no {what}: check the name")
     return text
@@ -96,10 +96,10 @@ def read_bytes(path: str | os.PathLike[str], *, largest: int, what: str, refused
 
 def is_bomb(unpacked: int, packed: int) -> bool:
     """Whether `packed` bytes expand to `unpacked` bytes, more than any table of readings does."""
-    return unpacked > LARGE and unpacked > MOST_RATIO * packed
+    return unpacked > MIN_RATIO_BYTES and unpacked > MAX_RATIO * packed
 
 
-def metered(
+def limit_size(
     name: str, chunks: Iterable[bytes], packed: Callable[[], int], *, most: int | None = None, ratio: bool = True
 ) -> Iterator[bytes]:
     """Yield decompressed chunks; raises `UnreadableInput` once they are too large.
@@ -115,17 +115,17 @@ def metered(
     most : int, optional
         Largest total size in bytes.
     ratio : bool
-        Also check `MOST_RATIO`. Arrays may exceed it: zeros compress to a thousandth.
+        Also check `MAX_RATIO`. Arrays may exceed it: zeros compress to a thousandth.
     """
     done = 0
     for chunk in chunks:
         done += len(chunk)
         if (most is not None and done > most) or (ratio and is_bomb(done, packed())):
-            raise too_much(name, done, packed())
+            raise size_error(name, done, packed())
         yield chunk
 
 
-def too_much(name: str, unpacked: int, packed: int) -> UnreadableInput:
+def size_error(name: str, unpacked: int, packed: int) -> UnreadableInput:
     """Error for a file that expands to more bytes than a recording of its size can have."""
     return UnreadableInput(
         f"{name} unpacks to more than {unpacked >> 20:,} MB from {packed:,} bytes, as no recording does: unpack it "
@@ -142,28 +142,28 @@ def refuse_bomb(name: str, unpacked: int, packed: int) -> None:
         )
 
 
-def unpacked_piece(unpacker: Any, packed: bytes) -> bytes:  # noqa: ANN401 - of zlib, bz2 …
-    """Decompress a chunk; raises `ValueError` if it is truncated, `UnreadableInput` beyond `MOST_PIECE` bytes."""
-    content: bytes = unpacker.decompress(packed, MOST_PIECE)
+def decompress_chunk(unpacker: Any, packed: bytes) -> bytes:  # noqa: ANN401 - of zlib, bz2 …
+    """Decompress a chunk; raises `ValueError` if it is truncated, `UnreadableInput` beyond `MAX_CHUNK_BYTES` bytes."""
+    content: bytes = unpacker.decompress(packed, MAX_CHUNK_BYTES)
     if unpacker.eof:
         return content
-    if len(content) >= MOST_PIECE:
+    if len(content) >= MAX_CHUNK_BYTES:
         raise UnreadableInput(
-            f"a compressed chunk of the recording has more than {MOST_PIECE >> 20} MB, as no logger writes: "
+            f"a compressed chunk of the recording has more than {MAX_CHUNK_BYTES >> 20} MB, as no logger writes: "
             "record again, or give another file"
         )
     raise ValueError("a compressed chunk is truncated")
 
 
 def write_text(text: str, path: str | os.PathLike[str], *, force: bool = False) -> None:
-    """Write a text file atomically; raises as `replacing`."""
-    with replacing(path, force=force) as file:
+    """Write a text file atomically; raises as `open_atomically`."""
+    with open_atomically(path, force=force) as file:
         file.write(text)
 
 
 def write_bytes(content: bytes, path: str | os.PathLike[str], *, force: bool = False) -> None:
-    """Write a file of bytes atomically; raises as `replacing`."""
-    with replacing(path, force=force, encoding="latin-1", newline="") as file:  # a character for each byte
+    """Write a file of bytes atomically; raises as `open_atomically`."""
+    with open_atomically(path, force=force, encoding="latin-1", newline="") as file:  # a character for each byte
         file.write(content.decode("latin-1"))
 
 
@@ -188,7 +188,7 @@ def make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise OutputError(f"{folder}: the folder cannot be created: {reason(error)}") from None
+        raise OutputError(f"{folder}: the folder cannot be created: {reason_and_remedy(error)}") from None
 
 
 def write_all(file: FileIO, content: bytes | memoryview) -> None:
@@ -202,7 +202,7 @@ def write_all(file: FileIO, content: bytes | memoryview) -> None:
         left = left[file.write(left) :]
 
 
-def locked(descriptor: int) -> bool:
+def try_lock(descriptor: int) -> bool:
     """Lock an open file or folder until it is closed; returns False if another program has locked it.
 
     Returns True on systems and file systems without locks.
@@ -221,7 +221,7 @@ def locked(descriptor: int) -> bool:
 
 
 @contextlib.contextmanager
-def exclusive(path: str | os.PathLike[str]) -> Iterator[None]:
+def lock_path(path: str | os.PathLike[str]) -> Iterator[None]:
     """Keep other programs from replacing a file, by a lock on ``PATH.lock``, which stays on the disk.
 
     The system releases the lock when the program ends, also by ``kill -9``. Systems and file systems without locks
@@ -245,7 +245,7 @@ def exclusive(path: str | os.PathLike[str]) -> Iterator[None]:
 
 
 def _lock_after_end(descriptor: int) -> bool:
-    """Lock a file as `locked` does; on Windows, where locked bytes cannot be read, lock a byte after its end."""
+    """Lock a file as `try_lock` does; on Windows, where locked bytes cannot be read, lock a byte after its end."""
     if sys.platform == "win32":
         import msvcrt
 
@@ -257,11 +257,11 @@ def _lock_after_end(descriptor: int) -> bool:
         finally:
             os.lseek(descriptor, 0, os.SEEK_SET)
         return True
-    return locked(descriptor)
+    return try_lock(descriptor)
 
 
 def refuse_existing(path: str | os.PathLike[str], *, force: bool = False) -> None:
-    """Check before a long run that its output file can be written; raises as `replacing`."""
+    """Check before a long run that its output file can be written; raises as `open_atomically`."""
     with _translate_errors(path):
         target = _resolved_path(path)
         _existing_permissions(target, force=force)
@@ -272,7 +272,7 @@ def refuse_existing(path: str | os.PathLike[str], *, force: bool = False) -> Non
 
 
 @contextlib.contextmanager
-def replacing(
+def open_atomically(
     path: str | os.PathLike[str], *, force: bool = False, encoding: str = "utf-8", newline: str = "\n"
 ) -> Iterator[IO[str]]:
     """Open a text file for writing; it gets its name when the block ends without an error.
@@ -308,7 +308,7 @@ def _translate_errors(path: str | os.PathLike[str]) -> Iterator[None]:
     except FileNotFoundError:
         raise OutputError(f"{path}: cannot be written: no such folder: create it, or check the name") from None
     except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {reason(error)}") from None
+        raise OutputError(f"{path}: cannot be written: {reason_and_remedy(error)}") from None
 
 
 def _resolved_path(path: str | os.PathLike[str]) -> Path:
@@ -351,7 +351,7 @@ def _rename(temporary: Path, target: Path, *, force: bool) -> None:
     temporary.replace(target)
 
 
-def licence() -> str:
+def licence_text() -> str:
     """Text of Flinders' licence, from its installed distribution."""
     from importlib.metadata import distribution
 

@@ -93,7 +93,7 @@ class SiteField:
         return self.horizontal < CAUTION_UT
 
     @property
-    def doubt(self) -> str:
+    def warning(self) -> str:
         """Warning where the field is nearly vertical; empty elsewhere."""
         words = f"the horizontal field at this site is {1e3 * self.horizontal:,.0f} nT"
         if self.is_blackout:
@@ -141,7 +141,7 @@ def site_field(
     altitude_m : float, m
         Above the ellipsoid, −1,000 to 850,000; the height above sea level is accurate enough.
     year : float
-        Decimal year, as from `year_of`, 1900 to 2030.
+        Decimal year, as from `decimal_year`, 1900 to 2030.
     model : ``wmm``, ``wmmhr`` or ``igrf``, optional
         Family of models; by default the World Magnetic Model of the year, before 2010 IGRF-14.
 
@@ -195,10 +195,10 @@ def _igrf_elements(latitude_deg: float, longitude_deg: float, altitude_m: float,
     horizontal, strength = math.hypot(north, east), math.hypot(north, east, down)
     declination, inclination = math.atan2(east, north), math.atan2(down, horizontal)
     elements = {
-        "model": igrf.NAME, "north": north, "east": east, "down": down, "declination_deg": math.degrees(declination),
+        "model": igrf.MODEL_NAME, "north": north, "east": east, "down": down, "declination_deg": math.degrees(declination),
         "inclination_deg": math.degrees(inclination), "horizontal": horizontal, "strength": strength,
     }  # fmt: skip
-    if not igrf.JUDGED_YEARS[0] <= year <= igrf.JUDGED_YEARS[1]:
+    if not igrf.SIGMA_YEARS[0] <= year <= igrf.SIGMA_YEARS[1]:
         return elements
     x, y, z = (sigma * _NANOTESLA for sigma in igrf.COMPONENT_SIGMA_NT)
     sine, cosine = math.sin(declination), math.cos(declination)
@@ -235,13 +235,13 @@ def recorded_field(log: object) -> SiteField | None:
     position, begun = getattr(log, "position", None), getattr(log, "begun", None)
     if position is None or begun is None or not FIRST_CLOCK_YEAR <= begun.year < LAST_CLOCK_YEAR:
         return None
-    return site_field(position.latitude_deg, position.longitude_deg, position.altitude_m, year=year_of(begun))
+    return site_field(position.latitude_deg, position.longitude_deg, position.altitude_m, year=decimal_year(begun))
 
 
-def place_of(text: str) -> tuple[float, float, float]:
+def parse_place(text: str) -> tuple[float, float, float]:
     """Parse ``"LAT,LON"`` or ``"LAT,LON,ALT"``: degrees, north and east positive, and metres, or raise `UsageError`.
 
-    >>> place_of("47.6, -122.3"), place_of("-33.9,151.2,40")
+    >>> parse_place("47.6, -122.3"), parse_place("-33.9,151.2,40")
     ((47.6, -122.3, 0.0), (-33.9, 151.2, 40.0))
     """
     parts = text.replace("\N{MINUS SIGN}", "-").split(",")
@@ -259,13 +259,13 @@ def place_of(text: str) -> tuple[float, float, float]:
     return latitude, longitude, altitude
 
 
-def year_of(day: datetime.date | str | float) -> float:
+def decimal_year(day: datetime.date | str | float) -> float:
     """Convert a day to a decimal year.
 
     Text is ``2026-11-21`` or ``2026.9``; a number is a decimal year. Raises `UsageError` for text that is not a date,
     and for a year without a model.
 
-    >>> year_of("2025-07-02"), year_of(datetime.date(2026, 1, 1)), year_of("2027.5")
+    >>> decimal_year("2025-07-02"), decimal_year(datetime.date(2026, 1, 1)), decimal_year("2027.5")
     (2025.498..., 2026.0, 2027.5)
     """
     year = (
@@ -312,7 +312,7 @@ def _date_text(day: datetime.date | str | float) -> str:
 
 def _model_for(year: float, asked: FieldModel | None) -> FieldModel:
     """Family of models for a year: the requested one if it is valid then, by default the most accurate one."""
-    year_of(year)
+    decimal_year(year)
     if asked is None:
         return "wmm" if year >= MODEL_YEARS["wmm"][0] else "igrf"
     if asked not in get_args(FieldModel):

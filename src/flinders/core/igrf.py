@@ -24,7 +24,7 @@ import numpy as np
 if TYPE_CHECKING:
     from flinders.arrays import Floats
 
-NAME: Final = "IGRF-14"
+MODEL_NAME: Final = "IGRF-14"
 
 REFERENCE_RADIUS_KM: Final = 6371.2
 """Reference radius of the coefficients in km."""
@@ -38,7 +38,7 @@ COMPONENT_SIGMA_NT: Final = (144.0, 136.0, 293.0)
 Source: C. D. Beggan, *Evidence-based uncertainty estimates for the International Geomagnetic Reference Field*, Earth,
 Planets and Space 74:17 (2022): observatories and repeat stations, 1980 to 2021.
 """
-JUDGED_YEARS: Final = (1980.0, 2025.0)
+SIGMA_YEARS: Final = (1980.0, 2025.0)
 """First and last year of `COMPONENT_SIGMA_NT`: none is published before, and the model only predicts after."""
 
 _TABLE: Final = Path(__file__).with_name("igrf14.shc")

@@ -6,7 +6,7 @@ force points up: the axis that points up reads +g.
 >>> in_g = Triad(np.diag([9.8, 9.7, 9.9]), [0.02, 0.0, -0.01], unit="g")
 >>> in_g.apply([1.02, 0.0, -0.01])
 array([9.8, 0. , 0. ])
->>> in_si = in_g.in_unit("m/s2")
+>>> in_si = in_g.convert("m/s2")
 >>> in_si.offset.round(3), bool(np.allclose(in_si.apply(9.80665 * np.ones(3)), in_g.apply(np.ones(3))))
 (array([ 0.196,  0.   , -0.098]), True)
 """
@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from flinders.arrays import floats, vectors
+from flinders.arrays import check_vectors, to_floats
 from flinders.core.inertial_record import InertialDocument, InertialUnit, TiltErrorRecord, TriadRecord
 from flinders.core.units import COUNTS
 from flinders.errors import UnitError
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 STANDARD_GRAVITY: Final = 9.80665
 """Standard gravity in m/s²; local gravity lies between 9.764 and 9.834."""
 
-SIZES: Final = {"m/s2": 1.0, "g": STANDARD_GRAVITY, "mg": 1e-3 * STANDARD_GRAVITY, "rad/s": 1.0}
+SI_PER_UNIT: Final = {"m/s2": 1.0, "g": STANDARD_GRAVITY, "mg": 1e-3 * STANDARD_GRAVITY, "rad/s": 1.0}
 """Size of each unit in m/s², or in rad/s."""
 
 
@@ -48,15 +48,15 @@ class Triad:
 
     def __post_init__(self) -> None:
         """Convert lists to arrays."""
-        object.__setattr__(self, "matrix", floats(self.matrix, "matrix"))
-        object.__setattr__(self, "offset", floats(self.offset, "offset"))
+        object.__setattr__(self, "matrix", to_floats(self.matrix, "matrix"))
+        object.__setattr__(self, "offset", to_floats(self.offset, "offset"))
 
     def apply(self, raw: ArrayLike) -> Floats:
         """Correct (..., 3) readings in `unit` to m/s² or rad/s."""
-        corrected: Floats = (vectors(raw, "raw", finite=False) - self.offset) @ self.matrix.T
+        corrected: Floats = (check_vectors(raw, "raw", finite=False) - self.offset) @ self.matrix.T
         return corrected
 
-    def in_unit(self, unit: InertialUnit, *, who: str = "this") -> Self:
+    def convert(self, unit: InertialUnit, *, who: str = "this") -> Self:
         """The same correction for readings in another unit; raises `UnitError` between counts and a physical unit.
 
         `who` names the user of that unit in the message.
@@ -68,9 +68,9 @@ class Triad:
                 f"{who} takes readings in {unit}, and these are in {self.unit}: record them in {unit}, "
                 "and calibrate again"
             )
-        return self.scaled(SIZES[self.unit] / SIZES[unit], unit)
+        return self.scale_readings(SI_PER_UNIT[self.unit] / SI_PER_UNIT[unit], unit)
 
-    def scaled(self, size: float, unit: InertialUnit) -> Self:
+    def scale_readings(self, size: float, unit: InertialUnit) -> Self:
         """The same correction for readings that are `size` times as large, in `unit`."""
         scaled = replace(self, matrix=self.matrix / size, offset=self.offset * size, unit=unit)
         matrix, offset = self.matrix_sigma, self.offset_sigma
@@ -80,7 +80,7 @@ class Triad:
             offset_sigma=None if offset is None else offset * size,
         )
 
-    def turned(self, turn: Floats) -> Self:
+    def map_axes(self, turn: Floats) -> Self:
         """The same correction in other axes; `turn` is the (3, 3) signed permutation from the old axes to the new."""
         swap = np.abs(turn)
         return replace(

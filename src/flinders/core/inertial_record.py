@@ -17,7 +17,14 @@ from typing import Annotated, Final, Literal, TypeAlias
 import msgspec
 from msgspec import Meta, Struct
 
-from flinders.core.calibration_file import NotNegative, Positive, ProvenanceRecord, Triple, gaps, understood
+from flinders.core.calibration_file import (
+    NotNegative,
+    Positive,
+    ProvenanceRecord,
+    Triple,
+    nonfinite_places,
+    parse_document,
+)
 from flinders.core.files import read_bytes
 from flinders.core.json_layout import lay_out
 from flinders.errors import DocumentError
@@ -68,12 +75,12 @@ def read(path: str | os.PathLike[str]) -> InertialDocument:
 
 def loads(text: str | bytes, *, source: str = "inertial") -> InertialDocument:
     """Parse the text of a file; `source` names the file in a `DocumentError`."""
-    return understood(text, InertialDocument, source, what=FILE_KIND, refused=DocumentError)
+    return parse_document(text, InertialDocument, source, what=FILE_KIND, refused=DocumentError)
 
 
 def dumps(document: InertialDocument) -> str:
     """Write a document as text; raises `DocumentError` for numbers that are not finite."""
     content = msgspec.to_builtins(document)
-    for place in gaps(content):
+    for place in nonfinite_places(content):
         raise DocumentError(f"inertial: {place} is not finite: the file of an accelerometer holds finite numbers only")
     return lay_out(content) + "\n"

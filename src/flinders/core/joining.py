@@ -1,7 +1,7 @@
 """Several recordings of one sensor as one recording, and the blocks of a recording as one table in memory.
 
 >>> early, late = Samples.of([[1, 2, 3]]), Samples.of([[4, 5, 6]])
->>> in_memory(joined([early, late])).field.tolist(), len(list(singles(joined([early, late]))))
+>>> read_into_memory(join_recordings([early, late])).field.tolist(), len(list(single_recordings(join_recordings([early, late]))))
 ([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]], 2)
 """
 
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flinders.core.named_columns import are_words
-from flinders.core.samples import COLUMNS, Recording, Samples, added, frame_of, onboard_of
+from flinders.core.samples import COLUMNS, Recording, Samples, frame_of, merge_skipped, onboard_of
 from flinders.errors import AxesError, UnitError
 
 if TYPE_CHECKING:
@@ -93,25 +93,25 @@ class Joined:
             yield from recording.blocks()
 
 
-def joined(recordings: Sequence[Recording]) -> Recording:
+def join_recordings(recordings: Sequence[Recording]) -> Recording:
     """Join recordings of one sensor; a single recording stays as it is."""
     return Joined(tuple(recordings)) if len(recordings) > 1 else recordings[0]
 
 
-def singles(recording: Recording) -> Iterator[Recording]:
+def single_recordings(recording: Recording) -> Iterator[Recording]:
     """Yield the single recordings of a joined one, also if it was joined in several steps."""
     if not isinstance(recording, Joined):
         yield recording
         return
     for part in recording.recordings:
-        yield from singles(part)
+        yield from single_recordings(part)
 
 
-def concatenated(blocks: Sequence[Samples], recording: Recording) -> Samples:
+def concatenate(blocks: Sequence[Samples], recording: Recording) -> Samples:
     """Concatenate the blocks of a recording; a column that is missing in a block is left out.
 
     >>> early, late = Samples.of([[1, 2, 3]], time=[0.0]), Samples.of([[4, 5, 6]])
-    >>> concatenated([early, late], early).field, concatenated([early, late], early).time is None
+    >>> concatenate([early, late], early).field, concatenate([early, late], early).time is None
     (array([[1., 2., 3.],
            [4., 5., 6.]]), True)
     """
@@ -125,7 +125,7 @@ def concatenated(blocks: Sequence[Samples], recording: Recording) -> Samples:
         axes=recording.axes,
         source=recording.source,
         frame=frame_of(recording),
-        skipped=reduce(added, (block.skipped for block in blocks), ()),
+        skipped=reduce(merge_skipped, (block.skipped for block in blocks), ()),
         nameless=next((block.nameless for block in filled if block.nameless), ""),
         onboard=onboard_of(recording),
         auxiliary=_concatenate_auxiliary([block.auxiliary for block in filled]),
@@ -146,6 +146,6 @@ def _concatenate_column(columns: Sequence[Floats | None]) -> Floats | None:
     return np.concatenate(there) if there and len(there) == len(columns) else None
 
 
-def in_memory(recording: Recording) -> Samples:
+def read_into_memory(recording: Recording) -> Samples:
     """Read a recording into memory."""
-    return recording if isinstance(recording, Samples) else concatenated(list(recording.blocks()), recording)
+    return recording if isinstance(recording, Samples) else concatenate(list(recording.blocks()), recording)

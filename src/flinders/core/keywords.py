@@ -11,18 +11,20 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
 NO_KEYWORDS: Final[Mapping[str, str]] = {}
-OF_A_FIT: Final = dict.fromkeys(("method", "target_deg", "site", "disturbances", "aiding", "linearize"), "flinders.fit")
+FIT_KEYWORDS: Final = dict.fromkeys(
+    ("method", "target_deg", "site", "disturbances", "aiding", "linearize"), "flinders.fit"
+)
 """Parameters of `flinders.fit` that are typed by mistake in a call of another function."""
 P = ParamSpec("P")
 T = TypeVar("T")
 
 
-def spell_checked(elsewhere: Mapping[str, str] = NO_KEYWORDS) -> Callable[[Callable[P, T]], Callable[P, T]]:
+def check_keywords(elsewhere: Mapping[str, str] = NO_KEYWORDS) -> Callable[[Callable[P, T]], Callable[P, T]]:
     """Decorate a function to raise `UnknownParameter` for a mistyped keyword, with the most similar one.
 
     `elsewhere` maps keywords of other functions to the name of their function.
 
-    >>> @spell_checked({"columns": "flinders.read"})
+    >>> @check_keywords({"columns": "flinders.read"})
     ... def fit(*, target_deg: float) -> float:
     ...     return target_deg
     >>> fit(targt_deg=1.0)

@@ -12,13 +12,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
 
-def attributes(package: str, homes: Mapping[str, str]) -> Callable[[str], object]:
+def lazy_getattr(package: str, homes: Mapping[str, str]) -> Callable[[str], object]:
     """Make the ``__getattr__`` of a package from its public names and the submodule that defines each.
 
     `dir` lists these names, unless the package has its own ``__dir__``. If the submodule has the same name as the
     public name, the submodule itself is returned.
 
-    >>> attributes("flinders", {"Unit": "core.units", "units": "core.units"})("Unit").__name__
+    >>> lazy_getattr("flinders", {"Unit": "core.units", "units": "core.units"})("Unit").__name__
     'Unit'
     """
 

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.arrays import Floats, Value, frozen, triple, vectors
+from flinders.arrays import Floats, Value, check_triple, check_vectors, read_only_copy
 from flinders.errors import ArrayError
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ class Linearization(Value):
     def __post_init__(self) -> None:
         """Check the numbers and keep read-only copies of them."""
         for name in ("quadratic", "cubic", "limit"):
-            object.__setattr__(self, name, frozen(triple(getattr(self, name), name)))
+            object.__setattr__(self, name, read_only_copy(check_triple(getattr(self, name), name)))
         if not self.limit.min() > 0.0:
             raise ArrayError(f"limit of the linearization is {self.limit.tolist()}: need three positive departures")
         with np.errstate(over="ignore", invalid="ignore"):
@@ -73,14 +73,14 @@ class Linearization(Value):
 
     def apply(self, departures: ArrayLike) -> Floats:
         """Linearize (..., 3) departures from the offset."""
-        read = vectors(departures, "departures", finite=False)
+        read = check_vectors(departures, "departures", finite=False)
         held = read.clip(-self.limit, self.limit)
         linear: Floats = read - (self.quadratic + self.cubic * held) * held**2
         return linear
 
     def invert(self, linear: ArrayLike) -> Floats:
         """(..., 3) departures from linearized ones, the inverse of `apply`, by bisection."""
-        wanted = vectors(linear, "linear", finite=False)
+        wanted = check_vectors(linear, "linear", finite=False)
         most = (np.abs(self.quadratic) + np.abs(self.cubic) * self.limit) * self.limit**2
         low, high = wanted - most, wanted + most
         for _ in range(BISECTIONS):
@@ -90,7 +90,9 @@ class Linearization(Value):
         return np.asarray(0.5 * (low + high))
 
 
-def bend_alike(one: Linearization | None, other: Linearization | None, shape: Floats, tolerance: float) -> bool:
+def have_equal_linearization(
+    one: Linearization | None, other: Linearization | None, shape: Floats, tolerance: float
+) -> bool:
     """Whether both linearizations agree within `tolerance` where the field of a (3, 3) `shape` is along an axis."""
     if one is None or other is None:
         return one is other

@@ -6,7 +6,7 @@ battery, the speed of a wheel, the state of a charger. The column keeps its name
 >>> unit_in("wheel_speed_rpm"), unit_in("Servo (µs)"), unit_in("BAT.Curr")
 ('rpm', 'µs', '')
 >>> states = states_of("charger", ["charging", "idle", "", "idle"])
->>> states, coded(["charging", "", "idle"], states, "charger")
+>>> states, numbers_of(["charging", "", "idle"], states, "charger")
 (('idle', 'charging'), array([ 1., nan,  0.]))
 """
 
@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.arrays import floats
-from flinders.errors import InputError, UsageError, counted
+from flinders.arrays import to_floats
+from flinders.errors import InputError, UsageError, count_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
 
-RESERVED: Final = ("raw", "corrected", "columns", "heading", "level")
+RESERVED_NAMES: Final = ("raw", "corrected", "columns", "heading", "level")
 """Parameters of `Calibration.apply` and `unapply`, which cannot be names of columns that a calibration follows."""
 
 UNITS: Final = {
@@ -73,7 +73,7 @@ def states_of(name: str, words: Iterable[str]) -> tuple[str, str]:
     listed = ", ".join(found[:MAX_LISTED]) + ", …" * (len(found) > MAX_LISTED)
     if len(found) < 2:
         raise InputError(
-            f"column {name} has {counted(len(found), 'word')} ({listed or 'all cells are empty'}): need two, one for "
+            f"column {name} has {count_text(len(found), 'word')} ({listed or 'all cells are empty'}): need two, one for "
             "each state; record in both states, or leave the column out"
         )
     raise InputError(
@@ -82,14 +82,14 @@ def states_of(name: str, words: Iterable[str]) -> tuple[str, str]:
     )
 
 
-def coded(values: ArrayLike, states: Sequence[str], name: str) -> Floats:
+def numbers_of(values: ArrayLike, states: Sequence[str], name: str) -> Floats:
     """(...) values as numbers: 0 and 1 for the words of the two states, NaN for an empty cell; numbers stay.
 
     Raises `UsageError` for a word that is not one of the states; `ArrayError` for words in a column without states.
     """
     array = np.asarray(values)
     if not (states and are_words(array)):
-        return floats(values, name)
+        return to_floats(values, name)
     words = np.array([str(word).strip() for word in array.ravel()], dtype=object).reshape(array.shape)
     numbers = np.full(array.shape, np.nan)
     for place, state in enumerate(states):

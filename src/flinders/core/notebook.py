@@ -2,7 +2,7 @@
 
 The functions take plain numbers only; `Calibration` and `flinders.report.notebook` call them.
 
->>> html = correction([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [1.0, 2.0, -3.0], "µT", title="<b>")
+>>> html = correction_html([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [1.0, 2.0, -3.0], "µT", title="<b>")
 >>> "&lt;b&gt;" in html, "−3" in html, "<script" in html
 (True, True, False)
 >>> number_text(28.5571, 0.0432), number_text(-3.0, None)
@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-SIGNS: Final = {"good": "✓", "limited": "!", "refused": "✗", "note": "·", "limits": "!", "refuses": "✗"}
+SEVERITY_SIGNS: Final = {"good": "✓", "limited": "!", "refused": "✗", "note": "·", "limits": "!", "refuses": "✗"}
 """Sign before a verdict or a finding, which shows its severity without colour."""
 
 
-def correction(
+def correction_html(
     matrix: Sequence[Sequence[float]],
     offset: Sequence[float],
     unit: str,
@@ -56,15 +56,15 @@ def correction(
     return f"{_title_html(title, words)}{pictures}<table><thead>{head}</thead><tbody>{rows}</tbody></table></div>"
 
 
-def refusal(title: str, words: Iterable[str]) -> str:
+def text_html(title: str, words: Iterable[str]) -> str:
     """HTML of a title and lines of text, without numbers."""
     return f"{_title_html(title, words)}</div>"
 
 
-def as_table(title: str, headings: Sequence[str], rows: Iterable[Sequence[str]], words: Iterable[str] = ()) -> str:
+def html_table(title: str, headings: Sequence[str], rows: Iterable[Sequence[str]], words: Iterable[str] = ()) -> str:
     """HTML table of words below headings; the first word of each row is the heading of the row.
 
-    >>> as_table("two", ["", "n"], [["a", "1"]])
+    >>> html_table("two", ["", "n"], [["a", "1"]])
     '<div><p><b>two</b></p><table><thead><tr><th></th><th>n</th></tr></thead><tbody>...</tbody></table></div>'
     """
     head = "".join(f"<th>{_escape(name)}</th>" for name in headings)
@@ -75,10 +75,10 @@ def as_table(title: str, headings: Sequence[str], rows: Iterable[Sequence[str]],
     return f"{_title_html(title, words)}<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
 
 
-def in_columns(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+def text_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Text table of words below headings, with a line for each row.
 
-    >>> print(in_columns(["method", "n"], [["a", "12"]]))
+    >>> print(text_table(["method", "n"], [["a", "12"]]))
     method   n
     a       12
     """

@@ -32,7 +32,7 @@ class Walk:
     high: float  #: upper end of the rate's 95 % interval
 
     @classmethod
-    def known(cls, rate: float, factor: float = RATE_FACTOR) -> Self:
+    def from_rate(cls, rate: float, factor: float = RATE_FACTOR) -> Self:
         """Make a walk from a rate and the factor of its uncertainty, 1 σ; raises `UsageError` unless positive."""
         if not (0.0 < rate < math.inf and factor > 1.0):
             raise UsageError(f"walk is {rate:g}: need a positive number, the change of the offset in one hour, 1 σ")
@@ -52,7 +52,7 @@ class Walk:
     def __str__(self) -> str:
         return f"{figures(self.rate)} ({figures(self.low)} to {figures(self.high)}) per root hour"
 
-    def scaled(self, factor: float) -> Self:
+    def scale_rate(self, factor: float) -> Self:
         """The same walk in another unit; `factor` is the old unit in the new one."""
         return type(self)(self.rate * factor, self.low * factor, self.high * factor)
 

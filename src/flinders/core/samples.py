@@ -20,15 +20,15 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
 
-from flinders.arrays import Floats, column, floats, table
+from flinders.arrays import Floats, check_column, check_table, to_floats
 from flinders.core.axes import Axes
-from flinders.core.disturbance import KINDS, MOST, MOTORS, motor, motors, place_of
-from flinders.core.keywords import spell_checked
-from flinders.core.silence import silent
+from flinders.core.disturbance import KINDS, MAX_MOTORS, MOTORS, kind_and_motor, motor_names, sort_key
+from flinders.core.keywords import check_keywords
+from flinders.core.silence import find_silent
 from flinders.core.units import Unit
-from flinders.errors import ArrayError, AxesError, counted
-from flinders.foreign_errors import needs
-from flinders.geometry.quaternions import attitudes, of_matrix, product
+from flinders.errors import ArrayError, AxesError, count_text
+from flinders.foreign_errors import import_optional
+from flinders.geometry.quaternions import check_attitudes, from_matrix, product
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterator, Mapping, Sequence
@@ -37,11 +37,11 @@ if TYPE_CHECKING:
 
     from flinders.core.calibration import Calibration
 
-BLOCK: Final = 8192
+BLOCK_ROWS: Final = 8192
 """Rows in a block: long enough for the arithmetic to dominate, short enough for the cache."""
 SILENT: Final = "silent"
 """Reason of skipped readings at which the sensor did not answer."""
-NOTED: Final = 10  # largest number of line numbers that are stored for each reason
+MAX_NOTED_LINES: Final = 10  # largest number of line numbers that are stored for each reason
 ACCOMPANYING: Final = "accompanying"
 """Reason of skipped lines that a program prints with its readings: a title, a state, a ruler."""
 
@@ -71,14 +71,14 @@ class Skipped:
 
     def __add__(self, other: Skipped) -> Skipped:
         """Add the counts of two entries of the same kind."""
-        return replace(self, rows=self.rows + other.rows, lines=(self.lines + other.lines)[:NOTED])
+        return replace(self, rows=self.rows + other.rows, lines=(self.lines + other.lines)[:MAX_NOTED_LINES])
 
     def __str__(self) -> str:
         lines = ", ".join(str(line) for line in self.lines[:3]) + (", …" if self.rows > 3 else "")
         if self.is_silent:
             are = "is" if self.rows == 1 else "are"
             where = f" (line {lines})" * bool(self.lines)
-            return f"{counted(self.rows, 'reading')} {are} {self.example}: the sensor did not answer{where}"
+            return f"{count_text(self.rows, 'reading')} {are} {self.example}: the sensor did not answer{where}"
         example = f": {self.example!r}" if self.example else ""
         what = "row" if self.is_loss else "line"
         return f"{self.rows:,} {self.reason} {what}{'s' * (self.rows != 1)} (line {lines}{example})"
@@ -89,7 +89,7 @@ class Skipped:
         return self.reason != ACCOMPANYING
 
 
-def added(one: tuple[Skipped, ...], other: tuple[Skipped, ...]) -> tuple[Skipped, ...]:
+def merge_skipped(one: tuple[Skipped, ...], other: tuple[Skipped, ...]) -> tuple[Skipped, ...]:
     """Merge two lists of skipped rows, with one entry for each kind."""
     kinds = {entry.kind: entry for entry in one}
     for entry in other:
@@ -97,15 +97,15 @@ def added(one: tuple[Skipped, ...], other: tuple[Skipped, ...]) -> tuple[Skipped
     return tuple(kinds.values())
 
 
-def unanswered(words: Floats, numbers: NDArray[Any]) -> tuple[Skipped, ...]:
+def silent_entries(words: Floats, numbers: NDArray[Any]) -> tuple[Skipped, ...]:
     """Make entries of silent readings, one for each word, from their (N,) words and row numbers.
 
-    >>> [str(entry) for entry in unanswered(np.array([0.0, -1.0, 0.0]), np.array([3, 5, 6]))]
+    >>> [str(entry) for entry in silent_entries(np.array([0.0, -1.0, 0.0]), np.array([3, 5, 6]))]
     ['1 reading is -1, -1, -1: the sensor did not answer (line 5)', '2 readings are 0, 0, 0: ...']
     """
     kinds = {word: numbers[words == word].tolist() for word in np.unique(words).tolist()}
     return tuple(
-        Skipped(SILENT, len(lines), tuple(map(int, lines[:NOTED])), ", ".join([f"{word + 0.0:.0f}"] * 3))
+        Skipped(SILENT, len(lines), tuple(map(int, lines[:MAX_NOTED_LINES])), ", ".join([f"{word + 0.0:.0f}"] * 3))
         for word, lines in kinds.items()
     )
 
@@ -154,7 +154,7 @@ class Samples:
     #: (N,), 0 to 1: commanded share of full thrust; NaN if not known
     throttle: Floats | None = None
     #: (N, 4): unit quaternion w, x, y, z from the axes of `field` to north, east, down: for a perfect sensor
-    #: ``quaternions.rotated(attitude, field)`` is the field of the site. If the axes are forward, right, down, it is
+    #: ``quaternions.rotate_vectors(attitude, field)`` is the field of the site. If the axes are forward, right, down, it is
     #: the vehicle's attitude. NaN if not known. An autopilot estimates it, and its yaw may come from the compass that
     #: is to be calibrated.
     attitude: Floats | None = None
@@ -173,7 +173,7 @@ class Samples:
     onboard: Calibration | None = None
 
     @classmethod
-    @spell_checked()
+    @check_keywords()
     def of(
         cls,
         field: ArrayLike,
@@ -216,19 +216,19 @@ class Samples:
         """
         unit = unit if isinstance(unit, Unit) else Unit.of(unit, scale)
         axes = axes if isinstance(axes, Axes) else Axes.of(axes)
-        recorded = table(field, finite=False)
+        recorded = check_table(field, finite=False)
         rows = len(recorded)
-        return cls.recorded(
+        return cls.from_reader(
             recorded,
             unit=unit,
             axes=axes,
-            time=None if time is None else column(time, rows, "time"),
+            time=None if time is None else check_column(time, rows, "time"),
             acceleration=None if acceleration is None else _check_vectors(acceleration, rows, "acceleration"),
             rate=None if rate is None else _check_vectors(rate, rows, "rate"),
-            temperature=None if temperature is None else column(temperature, rows, "temperature"),
-            current=None if current is None else column(current, rows, "current"),
-            strength=None if strength is None else column(strength, rows, "strength"),
-            throttle=None if throttle is None else _check_throttle(column(throttle, rows, "throttle")),
+            temperature=None if temperature is None else check_column(temperature, rows, "temperature"),
+            current=None if current is None else check_column(current, rows, "current"),
+            strength=None if strength is None else check_column(strength, rows, "strength"),
+            throttle=None if throttle is None else _check_throttle(check_column(throttle, rows, "throttle")),
             attitude=None if attitude is None else _check_attitude(attitude, rows),
             currents=None if currents is None else _check_motors(currents, rows, "currents"),
             throttles=None if throttles is None else _check_throttle(_check_motors(throttles, rows, "throttles")),
@@ -237,7 +237,7 @@ class Samples:
         )
 
     @classmethod
-    def recorded(
+    def from_reader(
         cls,
         field: Floats,
         *,
@@ -251,8 +251,8 @@ class Samples:
         **others: Floats | None,
     ) -> Samples:
         """Make samples of a reader's float64 columns of equal length, without the checks of `of`."""
-        is_silent = silent(field)
-        noted = unanswered(field[is_silent, 0], np.flatnonzero(is_silent) + 1)
+        is_silent = find_silent(field)
+        noted = silent_entries(field[is_silent, 0], np.flatnonzero(is_silent) + 1)
         if unit.scale != 1.0:
             with np.errstate(over="ignore", invalid="ignore"):
                 field = field * unit.scale
@@ -268,7 +268,7 @@ class Samples:
             auxiliary=auxiliary or {},
             **others,  # type: ignore[arg-type]
         )
-        return read.turned(axes)._skip_rows(is_silent)
+        return read.map_axes(axes)._skip_rows(is_silent)
 
     @property
     def span(self) -> tuple[float, float]:
@@ -286,7 +286,7 @@ class Samples:
         others = ", ".join([*(name for name in COLUMNS[1:] if getattr(self, name) is not None), *self.auxiliary])
         axes = "" if self.axes.is_identity else f", axes {self.axes}"
         more = f"{f', with {others}' * bool(others)}{', some left out' * bool(self.skipped)}"
-        return f"Samples({self.source}: {counted(len(self), 'reading')}{over} in {self.unit.inside}{axes}{more})"
+        return f"Samples({self.source}: {count_text(len(self), 'reading')}{over} in {self.unit.inside}{axes}{more})"
 
     def __getitem__(self, rows: slice | NDArray[np.bool_] | Sequence[int]) -> Samples:
         """Select rows: a slice gives a view, an index or a mask a copy."""
@@ -295,14 +295,14 @@ class Samples:
         taken = {name: values[rows] for name, values in columns.items() if values is not None}
         return replace(self, auxiliary=auxiliary, **taken)
 
-    def driving(self, name: str) -> NDArray[Any] | None:
+    def disturbance_values(self, name: str) -> NDArray[Any] | None:
         """(N,) values of a recorded disturbance, or words of a column of states; None if it was not recorded.
 
         >>> flown = Samples.of([[1, 2, 3]], current=[9.0], currents=[[4.0, 5.0]])
         >>> flown.driving("current"), flown.driving("current2"), flown.driving("current3")
         (array([9.]), array([5.]), None)
         """
-        kind, number = motor(name)
+        kind, number = kind_and_motor(name)
         if not number:
             whole: NDArray[Any] | None = getattr(self, name) if name in KINDS else self.auxiliary.get(name)
             return whole
@@ -313,11 +313,13 @@ class Samples:
     def disturbances(self) -> tuple[str, ...]:
         """Names of the recorded disturbances, including those of single motors."""
         each = {kind: getattr(self, many) for kind, many in MOTORS.items()}
-        numbered = [name for kind, table in each.items() if table is not None for name in motors(kind, table.shape[1])]
+        numbered = [
+            name for kind, table in each.items() if table is not None for name in motor_names(kind, table.shape[1])
+        ]
         there = [name for name in KINDS if getattr(self, name) is not None]
-        return tuple(sorted([*there, *numbered, *self.auxiliary], key=place_of))
+        return tuple(sorted([*there, *numbered, *self.auxiliary], key=sort_key))
 
-    def turned(self, axes: Axes) -> Samples:
+    def map_axes(self, axes: Axes) -> Samples:
         """Map field, acceleration, rate and attitude from the recorded axes to other axes.
 
         The attitude becomes that of the new axes. A mirror image maps the field alone: it corrects a left-handed
@@ -335,7 +337,7 @@ class Samples:
             return self
         if not self.axes.is_identity:
             raise AxesError(f"{self.source} is in axes {self.axes} already: map it from the recorded axes at once")
-        onboard = None if self.onboard is None else self.onboard.turned(axes)
+        onboard = None if self.onboard is None else self.onboard.map_axes(axes)
         mapped = replace(self, field=axes.apply(self.field), onboard=onboard, axes=axes)
         if axes.is_mirror:
             return mapped
@@ -366,9 +368,9 @@ class Samples:
 
         Raises `MissingExtra` without pyarrow.
         """
-        return needs("pyarrow", "parquet", "a table of Arrow").table(self.as_columns())
+        return import_optional("pyarrow", "parquet", "a table of Arrow").table(self.as_columns())
 
-    def blocks(self, rows: int = BLOCK) -> Iterator[Samples]:
+    def blocks(self, rows: int = BLOCK_ROWS) -> Iterator[Samples]:
         """Yield blocks of `rows` rows in order, as views."""
         for start in range(0, len(self), rows):
             yield self[start : start + rows]
@@ -380,7 +382,7 @@ class Samples:
             return self
         whole = np.all(is_finite, axis=1)
         rows = np.flatnonzero(~whole)
-        noted = Skipped("not finite", len(rows), tuple(int(row) + 1 for row in rows[:NOTED]))
+        noted = Skipped("not finite", len(rows), tuple(int(row) + 1 for row in rows[:MAX_NOTED_LINES]))
         skipped = (*self.skipped, noted) if len(rows) else self.skipped
         return replace(self[whole & ~is_silent], skipped=skipped)
 
@@ -404,7 +406,7 @@ class Recording(Protocol):
         """Yield all blocks from the first on; all have the same unit, axes and columns."""
 
 
-class Wrapped:
+class RecordingWrapper:
     """Base of recordings that process the blocks of another recording and keep its source, unit and axes."""
 
     __slots__ = ()
@@ -453,17 +455,19 @@ def onboard_of(recording: Recording) -> Calibration | None:
 
 def _check_vectors(values: ArrayLike, rows: int, name: str) -> Floats:
     """Check an (N, 3) column, which may have NaN in any row."""
-    array = table(values, name, finite=False)
-    column(array[:, 0], rows, name)
+    array = check_table(values, name, finite=False)
+    check_column(array[:, 0], rows, name)
     return array
 
 
 def _check_motors(values: ArrayLike, rows: int, name: str) -> Floats:
     """Check an (N, M) column of M motors, which may have NaN in any row."""
-    array = floats(values, name)
-    if array.ndim != 2 or not 1 <= array.shape[1] <= MOST:
-        raise ArrayError(f"{name} has shape {array.shape}: need ({rows}, M), a column for each of up to {MOST} motors")
-    column(array[:, 0], rows, name)
+    array = to_floats(values, name)
+    if array.ndim != 2 or not 1 <= array.shape[1] <= MAX_MOTORS:
+        raise ArrayError(
+            f"{name} has shape {array.shape}: need ({rows}, M), a column for each of up to {MAX_MOTORS} motors"
+        )
+    check_column(array[:, 0], rows, name)
     return array
 
 
@@ -472,7 +476,7 @@ def _check_auxiliary(values: ArrayLike, rows: int, name: str) -> NDArray[Any]:
     array = np.asarray(values)
     if array.dtype.kind in "USO" and array.shape == (rows,) and any(isinstance(value, str) for value in array.tolist()):
         return np.array(["" if value is None else str(value) for value in array.tolist()])
-    return column(values, rows, name)
+    return check_column(values, rows, name)
 
 
 def _check_throttle(array: Floats) -> Floats:
@@ -489,12 +493,12 @@ def _check_throttle(array: Floats) -> Floats:
 
 def _map_attitude(attitude: Floats, axes: Axes) -> Floats:
     """(N, 4) attitude of mapped right-handed axes, from that of the recorded axes."""
-    return attitude if axes.is_identity else product(attitude, of_matrix(axes.apply(np.eye(3))))
+    return attitude if axes.is_identity else product(attitude, from_matrix(axes.apply(np.eye(3))))
 
 
 def _check_attitude(values: ArrayLike, rows: int) -> Floats:
     """Check (N, 4) unit quaternions, which may have NaN in any row."""
-    array = attitudes(values)
+    array = check_attitudes(values)
     if array.shape != (rows, 4):
         raise ArrayError(f"attitude has shape {array.shape}: need ({rows}, 4), one quaternion w, x, y, z a reading")
     return array

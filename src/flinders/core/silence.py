@@ -4,7 +4,7 @@ An open line reads 0 or all ones, a stuck bus repeats one byte, and a converter 
 range. All three axes then have the same value, which occurs about once in millions of readings of the earth's field in
 any unit.
 
->>> silent(np.array([[0, 0, 0], [12, -30, 45], [-1, -1, -1], [32767, 32767, 32767], [7, 7, 7], [0, 0, 1]]))
+>>> find_silent(np.array([[0, 0, 0], [12, -30, 45], [-1, -1, -1], [32767, 32767, 32767], [7, 7, 7], [0, 0, 1]]))
 array([ True, False,  True,  True, False, False])
 """
 
@@ -26,7 +26,7 @@ REPEATED_BYTE_DIVISOR: Final = 257
 WORD_RANGE: Final = 2**16
 
 
-def silent(field: NDArray[Any]) -> NDArray[np.bool_]:
+def find_silent(field: NDArray[Any]) -> NDArray[np.bool_]:
     """(N,) whether each of (N, 3) readings, in the recorded unit, has one such value in all three axes."""
     alike = (field[:, 0] == field[:, 1]) & (field[:, 1] == field[:, 2])
     if alike.any():

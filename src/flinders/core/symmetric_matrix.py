@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flinders.arrays import Floats, matrix
+from flinders.arrays import Floats, check_matrix
 from flinders.errors import ArrayError
 
 if TYPE_CHECKING:
@@ -16,12 +16,14 @@ if TYPE_CHECKING:
     from flinders.errors import Hint
 
 
-def invertible(values: ArrayLike, rotation: Rotation) -> Floats:
-    """Check that a matrix has an inverse, and that it is symmetric if `rotation` is ``symmetric``."""
-    array = matrix(values)
+def check_invertible(values: ArrayLike, rotation: Rotation) -> Floats:
+    """Check that a matrix has an inverse, and that it is symmetric if `rotation` is ``check_symmetric``."""
+    array = check_matrix(values)
     if rotation == "symmetric":
-        symmetric(array, "matrix", "; give its rotation if it is meant to be asymmetric", {"rotation": "estimated"})
-        if is_positive(array):
+        check_symmetric(
+            array, "matrix", "; give its rotation if it is meant to be asymmetric", {"rotation": "estimated"}
+        )
+        if is_positive_definite(array):
             return array
     largest, _, smallest = np.linalg.svd(array, compute_uv=False)
     if smallest <= largest * 3.0 * np.finfo(float).eps:  # as numpy.linalg.matrix_rank
@@ -29,17 +31,17 @@ def invertible(values: ArrayLike, rotation: Rotation) -> Floats:
     return array
 
 
-def is_positive(array: Floats) -> bool:
+def is_positive_definite(array: Floats) -> bool:
     """Whether a symmetric matrix is positive definite by more than rounding.
 
-    >>> is_positive(np.diag([4.0, 9.0, 16.0])), is_positive(np.diag([4.0, 9.0, -1.0]))
+    >>> is_positive_definite(np.diag([4.0, 9.0, 16.0])), is_positive_definite(np.diag([4.0, 9.0, -1.0]))
     (True, False)
     """
     least, _, largest = np.linalg.eigvalsh(array)
     return bool(least > 1e-12 * abs(largest))
 
 
-def symmetric(array: Floats, name: str, advice: str = "", hint: Hint | None = None) -> Floats:
+def check_symmetric(array: Floats, name: str, advice: str = "", hint: Hint | None = None) -> Floats:
     """Check that a matrix equals its transpose to within 1e-6 of its largest entry."""
     (_, d, e), (g, _, f), (h, i, _) = array.tolist()
     lack = max(abs(d - g), abs(e - h), abs(f - i))

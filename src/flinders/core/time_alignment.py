@@ -12,7 +12,7 @@ its standard deviation.
 
 >>> time = np.arange(0.0, 30.0, 0.1)
 >>> turning = lambda t: np.stack([np.sin(t), np.cos(1.3 * t), np.sin(0.7 * t)], axis=1)
->>> found = paired([time, time], [turning(time), 2.0 * turning(time - 0.25)])
+>>> found = align_readings([time, time], [turning(time), 2.0 * turning(time - 0.25)])
 >>> found.delays_s.round(2)
 array([0.  , 0.25])
 >>> bool(np.nanmax(np.abs(found.fields[1] - 2.0 * found.fields[0])) < 0.02)
@@ -55,7 +55,7 @@ MIN_TIMES: Final = 50
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Paired:
+class AlignedReadings:
     """Readings of m sensors at N common times."""
 
     time: Floats  #: (N,), s: by the clock of the reference sensor; row numbers without times
@@ -64,7 +64,7 @@ class Paired:
     delay_sigmas_s: Floats  #: (m,), s: 1 σ of `delays_s`
 
 
-def paired(times: Sequence[Floats], fields: Sequence[Floats], *, reference: int = 0) -> Paired:
+def align_readings(times: Sequence[Floats], fields: Sequence[Floats], *, reference: int = 0) -> AlignedReadings:
     """Interpolate readings to common times at which two sensors or more have a reading.
 
     Parameters
@@ -83,17 +83,17 @@ def paired(times: Sequence[Floats], fields: Sequence[Floats], *, reference: int 
     slowest = min(range(len(times)), key=lambda sensor: (len(times[sensor]), sensor != reference))
     moments = times[slowest] - delays[slowest]
     taken = np.stack([
-        field if sensor == slowest and not delay else between(time - delay, field, moments)
+        field if sensor == slowest and not delay else interpolate_readings(time - delay, field, moments)
         for sensor, (time, field, delay) in enumerate(zip(times, fields, delays, strict=True))
     ])  # fmt: skip
     shared = np.isfinite(taken[:, :, 0]).sum(axis=0) > 1
-    return Paired(moments[shared], taken[:, shared], delays, sigmas)
+    return AlignedReadings(moments[shared], taken[:, shared], delays, sigmas)
 
 
-def between(time: Floats, field: Floats, moments: Floats) -> Floats:
+def interpolate_readings(time: Floats, field: Floats, moments: Floats) -> Floats:
     """(K, 3) readings interpolated linearly at (K,) times; NaN outside the recording and in gaps.
 
-    >>> between(np.array([0.0, 1.0, 2.0, 9.0]), np.arange(12.0).reshape(4, 3), np.array([0.5, 2.0, 5.0]))[:, 0]
+    >>> interpolate_readings(np.array([0.0, 1.0, 2.0, 9.0]), np.arange(12.0).reshape(4, 3), np.array([0.5, 2.0, 5.0]))[:, 0]
     array([1.5, 6. , nan])
     """
     if len(time) < 2:
@@ -124,11 +124,11 @@ def _delay(time: Floats, field: Floats, other_time: Floats, other: Floats) -> tu
     if not step > 0.0 or last - first < MIN_TIMES * step:
         return 0.0, math.inf
     moments = np.arange(first, last, max(step, (last - first) / MAX_TIMES))
-    still = _smooth(between(time, field, moments))
+    still = _smooth(interpolate_readings(time, field, moments))
     reach = min(MAX_DELAY_S, 0.25 * (last - first))
 
     def misfit(delay: float) -> tuple[float, int]:
-        moved = _smooth(between(other_time, other, moments + delay))
+        moved = _smooth(interpolate_readings(other_time, other, moments + delay))
         left = affine_residuals(still, moved)
         return (math.inf, 1) if len(left) < MIN_TIMES else (float(np.mean(left**2)), len(left))
 

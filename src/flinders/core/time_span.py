@@ -2,7 +2,7 @@
 
 >>> from flinders.core.samples import Samples
 >>> clock = TimeSpan(1.0, 2.0).clock("tumble.csv")
->>> clock.within(Samples.of([[1, 2, 3]] * 4, time=[100.0, 101.0, 102.0, 103.0]))
+>>> clock.is_within(Samples.of([[1, 2, 3]] * 4, time=[100.0, 101.0, 102.0, 103.0]))
 array([False,  True,  True, False])
 """
 
@@ -64,7 +64,7 @@ class SpanClock:
         self._span, self._source, self._beginning = span, source, beginning
         self._last, self._taken = np.nan, 0
 
-    def within(self, samples: Samples) -> NDArray[np.bool_]:
+    def is_within(self, samples: Samples) -> NDArray[np.bool_]:
         """(N,) whether each reading is within the span; a reading without a time is not."""
         if self._span.is_all:
             return np.ones(len(samples), dtype=np.bool_)
@@ -82,11 +82,11 @@ class SpanClock:
         self._taken += int(np.count_nonzero(inside))
         return inside
 
-    def selected(self, samples: Samples, within: NDArray[np.bool_]) -> Samples:
+    def select(self, samples: Samples, within: NDArray[np.bool_]) -> Samples:
         """Readings within the span; the same object if all are."""
         return samples if within.all() else samples[within]
 
-    def judge(self) -> None:
+    def refuse_empty(self) -> None:
         """Raise `UsageError` at the end of the pass if no reading was within the span."""
         if not self._span.is_all and not self._taken:
             length = "has no valid times"

@@ -26,9 +26,9 @@ COUNTS: Final = "counts"
 PER_UNIT: Final = {"uT": 1.0, "mG": 0.1, "G": 100.0, "nT": 1e-3, "mT": 1e3, "T": 1e6}
 """Size of each unit in microtesla."""
 
-EARTH_UT: Final = (22.0, 67.0)
+EARTH_FIELD_RANGE_UT: Final = (22.0, 67.0)
 """Smallest and largest strength of the earth's field at its surface, in µT."""
-EARTH_WITH_ROOM_UT: Final = (20.0, 70.0)
+WIDE_EARTH_FIELD_RANGE_UT: Final = (20.0, 70.0)
 """The same range with a tolerance for readings whose strength is known approximately, in µT."""
 
 _WORDS: Final = {
@@ -42,7 +42,7 @@ SPELLINGS: Final = {
     **{f"{word}{end}": name for name, words in _WORDS.items() for word in words for end in ("", "s", "es")},
 }  # fmt: skip
 """Names of units by their lower-case spellings, with both code points of µ."""
-PARTED: Final = re.compile(r"\b(micro|milli|nano)[\s_-]+(?=tesla|gauss)", re.IGNORECASE)
+SEPARATE_PREFIX: Final = re.compile(r"\b(micro|milli|nano)[\s_-]+(?=tesla|gauss)", re.IGNORECASE)
 """A prefix that is written as a separate word: ``micro Tesla``."""
 
 
@@ -68,7 +68,7 @@ class Unit:
         scale : float, optional
             Size of one count in microtesla; only for counts.
         """
-        known = SPELLINGS.get(PARTED.sub(r"\1", name.strip().casefold()))
+        known = SPELLINGS.get(SEPARATE_PREFIX.sub(r"\1", name.strip().casefold()))
         if known is None:
             raise UnitError(f"unit {name!r} is not known: use one of {', '.join((*PER_UNIT, COUNTS))}")
         if scale is not None and not (math.isfinite(scale) and scale > 0):
@@ -80,16 +80,16 @@ class Unit:
         return cls(known, PER_UNIT[known], MICROTESLA)
 
 
-def label(inside: str) -> str:
+def unit_label(inside: str) -> str:
     """Printed form of a unit: ``µT`` or ``counts``."""
     return "µT" if inside == MICROTESLA else inside
 
 
-def unit_of_the_earth(strength: float) -> str:
+def earth_field_unit(strength: float) -> str:
     """Unit in which `strength` would be that of the earth's field; empty if there is none.
 
-    >>> unit_of_the_earth(48.0), unit_of_the_earth(480.0), unit_of_the_earth(4.8e-5), unit_of_the_earth(3.0)
+    >>> earth_field_unit(48.0), earth_field_unit(480.0), earth_field_unit(4.8e-5), earth_field_unit(3.0)
     ('uT', 'mG', 'T', '')
     """
-    low, high = EARTH_WITH_ROOM_UT
+    low, high = WIDE_EARTH_FIELD_RANGE_UT
     return next((name for name, scale in PER_UNIT.items() if low <= strength * scale <= high), "")

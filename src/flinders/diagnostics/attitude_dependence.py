@@ -26,9 +26,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.likelihood.dip import verticals
+from flinders.likelihood.dip import accelerometer_verticals
 from flinders.likelihood.magnitude import distances, information
-from flinders.summary.coverage import directions_of
+from flinders.summary.coverage import corrected_directions
 from flinders.summary.moments import DEGREES, EXPONENTS
 
 if TYPE_CHECKING:
@@ -82,12 +82,12 @@ def attitude_dependence_of(
     if some.acceleration is None:
         return None
     off = distances(some.field, ellipsoid)
-    down, trust = verticals(some.acceleration)
+    down, trust = accelerometer_verticals(some.acceleration)
     used = (np.abs(off) <= limit) & (trust > MIN_TRUST)
     off, down = off[used], down[used]
     if len(off) < MIN_READINGS:
         return None
-    products = _products(directions_of(some.field[used], ellipsoid), down, ellipsoid)
+    products = _products(corrected_directions(some.field[used], ellipsoid), down, ellipsoid)
     basis = _orthonormal(products, smallest=MIN_PRODUCT_RMS**2 * len(off))
     if not basis.shape[1]:
         return None

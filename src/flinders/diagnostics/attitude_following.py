@@ -1,7 +1,7 @@
 """Test whether a column of a log follows the attitude: its values are a function of the direction of the field.
 
 An offset P c(u) that is a function of the direction u of the field cannot be distinguished from soft iron in any
-recording. `following` measures such a dependence without a model of the function: it predicts each value from readings
+recording. `predicted_share` measures such a dependence without a model of the function: it predicts each value from readings
 of nearly the same direction in other parts of the recording,
 
     R² = 1 − Σ (c − ĉ(u))² / Σ (c − c̄)²,        ĉ(u) the mean of the nearest readings in the other parts
@@ -12,7 +12,7 @@ over readings of a left-out stretch. A column that merely changes slowly has no 
 >>> directions = rng.normal(size=(3000, 3))
 >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)
 >>> tilted, switched = directions[:, 2] ** 2, np.repeat(rng.uniform(size=30), 100)
->>> following(tilted, directions) > 0.95, following(switched, directions) < 0.1
+>>> predicted_share(tilted, directions) > 0.95, predicted_share(switched, directions) < 0.1
 (True, True)
 """
 
@@ -45,7 +45,7 @@ MIN_PREDICTED: Final = 0.2
 """Smallest share of readings with such neighbours; with fewer the result is NaN."""
 
 
-def following(values: Floats, directions: Floats) -> float:
+def predicted_share(values: Floats, directions: Floats) -> float:
     """Share of the variance of (N,) values that (N, 3) field directions predict in left-out stretches, at most 1.
 
     It is below 0 if the mean predicts better; NaN if too few directions recur.

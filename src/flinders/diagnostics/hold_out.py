@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from flinders.errors import FitError
-from flinders.estimators.aiding import parameters_of
+from flinders.estimators.aiding import fit_parameters
 from flinders.likelihood import dip, magnitude
 from flinders.likelihood.dip import ACCELERATION_SIGMA, GAIN_SIGMA
 from flinders.likelihood.gyro import SCALE_SIGMA
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
-    from flinders.estimators.aiding import Aided
+    from flinders.estimators.aiding import AidedFit
     from flinders.likelihood.parameters import Parameters
 
 FOLDS: Final = 3
@@ -50,13 +50,13 @@ def folds(count: int, pieces: int = 1) -> Iterator[tuple[NDArray[np.bool_], NDAr
         yield block != index, block == index
 
 
-def fitted(samples: Samples, terms: tuple[str, ...], rotation: Floats | None, near: Aided) -> list[Parameters]:
+def fit_folds(samples: Samples, terms: tuple[str, ...], rotation: Floats | None, near: AidedFit) -> list[Parameters]:
     """Parameters of the fits without each of the `folds` in turn; empty if one of the fits fails.
 
     Parameters
     ----------
     terms : tuple of str
-        Names of `flinders.estimators.aiding.AIDS`.
+        Names of `flinders.estimators.aiding.AIDING_TERMS`.
     rotation : (3, 3) float, optional
         Approximate rotation of the magnetometer on the body, about which the fit searches.
     near : Aided
@@ -66,7 +66,7 @@ def fitted(samples: Samples, terms: tuple[str, ...], rotation: Floats | None, ne
     is_free = "accelerometer" in near.layout
     try:
         return [
-            parameters_of(
+            fit_parameters(
                 samples[training],
                 terms,
                 rotation=rotation,
@@ -82,7 +82,7 @@ def fitted(samples: Samples, terms: tuple[str, ...], rotation: Floats | None, ne
 
 
 def hold_out_misfit(samples: Samples, fits: list[Parameters], vertical: str | None) -> HoldOutMisfit:
-    """Errors of readings against the parameters that were `fitted` without them.
+    """Errors of readings against the parameters that were `fit_folds` without them.
 
     `vertical` is ``dip`` or ``tilt``, the source of the verticals for the dip; None for no dip.
 
@@ -90,7 +90,7 @@ def hold_out_misfit(samples: Samples, fits: list[Parameters], vertical: str | No
     >>> from flinders.estimators.aiding import solve
     >>> tumble = simulate.tumble(seed=1, motion="swayed", n=600)
     >>> whole = {terms: solve(tumble.samples, terms) for terms in ((), ("dip",))}
-    >>> fits = [fitted(tumble.samples, terms, None, near) for terms, near in whole.items()]
+    >>> fits = [fit_folds(tumble.samples, terms, None, near) for terms, near in whole.items()]
     >>> alone, aided = (hold_out_misfit(tumble.samples, parameters, "dip") for parameters in fits)
     >>> aided.length < 1.1 * tumble.sensor.noise and aided.height < alone.height
     True
@@ -107,13 +107,13 @@ def hold_out_misfit(samples: Samples, fits: list[Parameters], vertical: str | No
 def _heights(samples: Samples, parameters: Parameters, vertical: str | None) -> float:
     """Variance of the sine of the field's inclination, by trusted verticals."""
     if vertical == "dip" and samples.acceleration is not None:
-        down, trust = dip.verticals(samples.acceleration)
-        down, _ = dip.upright(down, parameters.accelerometer)
+        down, trust = dip.accelerometer_verticals(samples.acceleration)
+        down, _ = dip.correct_verticals(down, parameters.accelerometer)
     elif vertical == "tilt" and samples.attitude is not None:
-        down, trust = dip.verticals_of(samples.attitude)
+        down, trust = dip.attitude_verticals(samples.attitude)
     else:
         return np.nan
-    unit = (samples.field - parameters.offset) @ np.linalg.inv(parameters.ellipsoid_like).T
+    unit = (samples.field - parameters.offset) @ np.linalg.inv(parameters.rotated_shape).T
     unit /= np.maximum(np.linalg.norm(unit, axis=1, keepdims=True), 1e-300)
     heights = np.einsum("ni,ni->n", down, unit) / np.maximum(np.linalg.norm(down, axis=1), 1e-300)
     middle = np.average(heights, weights=trust)

@@ -9,9 +9,9 @@ Each fault is a `Mistake` with its number, its limit and a remedy; a fit leaves 
 >>> true = simulate.tumble(seed=1, motion="swayed", n=500)
 >>> ellipsoid = Ellipsoid(true.sensor.offset, true.field_strength * true.sensor.matrix)
 >>> in_degrees = replace(true.samples, rate=np.rad2deg(true.samples.rate))
->>> [(one.code, one.drops) for one in of_instruments(in_degrees, ellipsoid, ("rate", "dip"))[1]]
+>>> [(one.code, one.drops) for one in instrument_mistakes(in_degrees, ellipsoid, ("rate", "dip"))[1]]
 [('gyro-unit', True)]
->>> of_instruments(true.samples, ellipsoid, ("rate", "dip"))
+>>> instrument_mistakes(true.samples, ellipsoid, ("rate", "dip"))
 (None, [])
 """
 
@@ -24,18 +24,18 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from flinders.core.samples import Samples
-from flinders.estimators.accelerometer import scatter_at_rest
-from flinders.estimators.aiding import Aided, solve
+from flinders.estimators.accelerometer import rest_scatter
+from flinders.estimators.aiding import AidedFit, fit_aided
 from flinders.estimators.mounting import (
-    EXPLAINED,
+    MAX_RATE_RESIDUAL,
     RAD_S,
-    REVERSED,
-    Mounted,
-    by_rate,
-    by_vertical,
-    second_axis,
+    REVERSED_AXES,
+    MountingFit,
+    fit_accelerometer_axes,
+    fit_gyro_axes,
+    second_axis_ratio,
 )
-from flinders.findings import Finding, certain, finding_in
+from flinders.findings import Finding, certain_finding, finding_in
 from flinders.geometry.rotation import lengths
 from flinders.heading.attitude import magnetic_heading_deg, tilt_error_deg
 from flinders.heading.error_propagation import direction_error_deg, level_error
@@ -67,7 +67,7 @@ MAX_READINGS: Final = 5000
 MAX_ROUNDS: Final = 3
 """Count of rounds in which an offset and the direction of the remaining field are found."""
 
-UPRIGHT: Final = ("dip", "tilt", "attitude")
+VERTICAL_SENSORS: Final = ("dip", "tilt", "attitude")
 """Aiding sensors that show the vertical, of which a fit uses one."""
 
 NEAR_END_SHARE, MIN_CLIPPED_RATIO = 0.05, 1.0
@@ -89,7 +89,7 @@ LEAN_DEG, LEAN_SIGMAS = 1.5, 3.0
 Of 1,002 recordings without a lean none exceeds them (``python -m benchmarks.wrong_use --cases leaning --seeds 167``).
 """
 
-STEEP_DEG: Final = 10.0
+MIN_SIGNED_DIP_DEG: Final = 10.0
 """Smallest dip whose sign iron nearby cannot reverse."""
 
 
@@ -125,10 +125,10 @@ def _mistake(code: str, aid: str, values: dict[str, Any], *, drops: bool = True)
 
 def _certain_mistake(code: str, aid: str, values: dict[str, Any], *, drops: bool = True) -> Mistake:
     """Mistake whose rule is known to hold."""
-    return Mistake(aid, certain({**values, "aid": aid}, code), drops)
+    return Mistake(aid, certain_finding({**values, "aid": aid}, code), drops)
 
 
-def of_instruments(
+def instrument_mistakes(
     samples: Samples, alone: Ellipsoid, wanted: Sequence[str], *, is_signed: bool = False
 ) -> tuple[Axes | None, list[Mistake]]:
     """Find mistakes in the unit and the axes of gyro and accelerometer.
@@ -149,45 +149,50 @@ def of_instruments(
         mistake for aid in wanted if (mistake := _empty_column(samples, aid) or _clipped_gyro(samples, aid)) is not None
     ]
     wanted = [aid for aid in wanted if aid not in {mistake.aid for mistake in empty}]
-    turned = by_rate(samples, alone) if "rate" in wanted else Mounted()
-    felt = by_vertical(samples, alone) if "dip" in wanted else Mounted()
+    turned = fit_gyro_axes(samples, alone) if "rate" in wanted else MountingFit()
+    felt = fit_accelerometer_axes(samples, alone) if "dip" in wanted else MountingFit()
     mistakes = []
-    if turned.left > EXPLAINED:
-        turned, mistakes = Mounted(), [_unrelated_gyro(turned)]
+    if turned.left > MAX_RATE_RESIDUAL:
+        turned, mistakes = MountingFit(), [_unrelated_gyro(turned)]
     if not turned.is_as_recorded:
-        contradicted = felt.is_as_recorded and not felt.allows(turned.axes)
+        contradicted = felt.is_as_recorded and not felt.is_allowed(turned.axes)
         mistakes.append(_wrong_axes("rate", turned, contradicted=contradicted, is_signed=is_signed))
     is_used = "rate" in wanted and not any(mistake.drops for mistake in mistakes)
     if not felt.is_as_recorded:
-        contradicted = is_used and not felt.allows(turned.axes)
+        contradicted = is_used and not felt.is_allowed(turned.axes)
         mistakes.append(_wrong_axes("dip", felt, contradicted=contradicted, is_signed=is_signed))
     used = [mistake.aid for mistake in mistakes if not mistake.drops]
     return (None if not used else turned.axes if "rate" in used else felt.axes), [*empty, *mistakes]
 
 
-def without_gaps(samples: Samples, wanted: Sequence[str]) -> tuple[Samples, list[Mistake]]:
-    """Fill short gaps of the gyro, see `flinders.likelihood.gyro.bridged`, with a finding on the share of readings.
+def fill_gyro_gaps(samples: Samples, wanted: Sequence[str]) -> tuple[Samples, list[Mistake]]:
+    """Fill short gaps of the gyro, see `flinders.likelihood.gyro.bridge_gaps`, with a finding on the share of readings.
 
     >>> from dataclasses import replace
     >>> from flinders import simulate
     >>> samples = simulate.tumble(seed=1, motion="swayed", n=500).samples
     >>> samples.rate[::5] = np.nan
-    >>> [(one.code, round(one.number, 3)) for one in without_gaps(samples, ["rate"])[1]]
+    >>> [(one.code, round(one.number, 3)) for one in fill_gyro_gaps(samples, ["rate"])[1]]
     [('gyro-gaps', 0.198)]
     """
     if "rate" not in wanted:
         return samples, []
-    rate, count = gyro.bridged(samples.time, samples.rate)
+    rate, count = gyro.bridge_gaps(samples.time, samples.rate)
     if not count:
         return samples, []
-    gaps = {"gaps": count, "samples": len(samples), "gap_share": count / len(samples), "longest_gap": gyro.BRIDGED}
+    gaps = {
+        "gaps": count,
+        "samples": len(samples),
+        "gap_share": count / len(samples),
+        "longest_gap": gyro.MAX_BRIDGED_READINGS,
+    }
     return replace(samples, rate=rate), [_certain_mistake("gyro-gaps", "rate", gaps, drops=False)]
 
 
-def of_scales(off: float) -> Mistake:
+def gyro_scale_mistake(off: float) -> Mistake:
     """Mistake of a gyro whose scale error is implausibly large.
 
-    >>> of_scales(0.2).words[:76]
+    >>> gyro_scale_mistake(0.2).words[:76]
     "the gyro's scales would be off by 20%, and those of gyros are by 2% or so: c"
     """
     return _certain_mistake(
@@ -195,19 +200,19 @@ def of_scales(off: float) -> Mistake:
     )
 
 
-def of_aid_and_gyro(aid: str, off: float) -> Mistake:
+def gyro_contradiction(aid: str, off: float) -> Mistake:
     """Mistake of an aiding sensor that contradicts a gyro which agrees with the magnetometer."""
     return _certain_mistake("aids-disagree", aid, {"scales_off": min(off, 1.0), "scale_error": off})
 
 
-def of_turns(samples: Samples, aided: Aided, claimed_deg: float = 0.0) -> Mistake | None:
+def lean_mistake(samples: Samples, aided: AidedFit, claimed_deg: float = 0.0) -> Mistake | None:
     """Mistake of an accelerometer whose vertical leans in turns by more than the claim explains; None if it does not.
 
     Use a fit without the accelerometer: a fit with it absorbs most of the lean.
 
     >>> from flinders import simulate
     >>> flown = simulate.tumble(seed=1, motion="flight", n=1500).samples
-    >>> mistake = of_turns(flown, solve(flown, ()))
+    >>> mistake = lean_mistake(flown, fit_aided(flown, ()))
     >>> mistake is not None and mistake.code
     'leans-in-turns'
     """
@@ -216,10 +221,10 @@ def of_turns(samples: Samples, aided: Aided, claimed_deg: float = 0.0) -> Mistak
     return _mistake("leans-in-turns", "dip", numbers)
 
 
-def is_diverged(aid: str, before_deg: float, after_deg: float) -> Mistake | None:
+def divergence(aid: str, before_deg: float, after_deg: float) -> Mistake | None:
     """Mistake of an aiding sensor with which a fit claims many times the heading error; None if it does not.
 
-    >>> mistake = is_diverged("dip", 2.1, 180.0)
+    >>> mistake = divergence("dip", 2.1, 180.0)
     >>> mistake is not None and mistake.words[:75]
     "the fit claims a heading error of 180° with 'dip', 2.1° without: what it me"
     """
@@ -227,60 +232,60 @@ def is_diverged(aid: str, before_deg: float, after_deg: float) -> Mistake | None
     return _mistake("aid-diverged", aid, numbers)
 
 
-def is_implausible(aided: Aided, aid: str) -> Mistake | None:
+def implausible_vertical(aided: AidedFit, aid: str) -> Mistake | None:
     """Mistake of a vertical or attitude that contradicts the readings for any mounting; None if it does not.
 
     >>> from flinders.geometry.quaternions import inverse, of_angles, rotated
     >>> attitude = of_angles(np.random.default_rng(1).uniform(-1.5, 1.5, (300, 3)))
     >>> field = rotated(inverse(attitude), np.tile([25.0, 0.0, 43.0], (300, 1)))
-    >>> is_implausible(solve(Samples.of(field, attitude=attitude), ("tilt",)), "tilt")
-    >>> mistake = is_implausible(solve(Samples.of(field, attitude=inverse(attitude)), ("tilt",)), "tilt")
+    >>> implausible_vertical(fit_aided(Samples.of(field, attitude=attitude), ("tilt",)), "tilt")
+    >>> mistake = implausible_vertical(fit_aided(Samples.of(field, attitude=inverse(attitude)), ("tilt",)), "tilt")
     >>> mistake is not None and mistake.code
     'aid-astray'
     """
     off = aided.vertical_noise
-    if aid not in UPRIGHT or off is None:
+    if aid not in VERTICAL_SENSORS or off is None:
         return None
     return _mistake("aid-astray", aid, {"astray_rad": off, "astray_deg": float(np.rad2deg(off))})
 
 
-def one_axis(rate: Floats) -> list[Mistake]:
+def one_axis_mistakes(rate: Floats) -> list[Mistake]:
     """Mistakes of a recording in which all rotation is about one axis; empty for others.
 
     `rate` is (N, 3), rad/s, without the gyro's bias.
 
-    >>> one_axis(np.outer(np.linspace(-1.0, 1.0, 50), [0.0, 0.0, 1.0]))[0].code
+    >>> one_axis_mistakes(np.outer(np.linspace(-1.0, 1.0, 50), [0.0, 0.0, 1.0]))[0].code
     'one-axis'
     """
-    mistake = _mistake("one-axis", "rate", {"second_axis": second_axis(rate)}, drops=False)
+    mistake = _mistake("one-axis", "rate", {"second_axis": second_axis_ratio(rate)}, drops=False)
     return [] if mistake is None else [mistake]
 
 
-def is_at_another_site(aided: Aided, site: Site | None) -> bool:
+def is_at_another_site(aided: AidedFit, site: Site | None) -> bool:
     """Whether the fitted dip contradicts that of the site, which the fit assumed."""
     if site is None or site.inclination_deg is None or aided.site_off is None:
         return False
-    return is_far(dip_of(aided), site) and abs(aided.site_off) > FAR_SITE_SIGMAS
+    return is_other_dip(dip_of(aided), site) and abs(aided.site_off) > FAR_SITE_SIGMAS
 
 
-def is_far(seen_deg: float, site: Site, sigma_deg: float = 0.0) -> bool:
+def is_other_dip(seen_deg: float, site: Site, sigma_deg: float = 0.0) -> bool:
     """Whether a dip, with its sigma, differs from that of the site by more than iron or rock can cause."""
     beyond = max(FAR_SITE_DEG, FAR_SITE_SIGMAS * sigma_deg)
     return site.inclination_deg is not None and abs(seen_deg - site.inclination_deg) > beyond
 
 
-def wrong_dip(seen_deg: float, site: Site) -> Mistake:
+def wrong_dip_mistake(seen_deg: float, site: Site) -> Mistake:
     """Mistake of a dip that is not the site's; with all signs of an accelerometer reversed, the dip is negated.
 
     >>> from flinders.likelihood.site_field import Site
-    >>> wrong_dip(-59.6, Site(inclination_deg=60.0)).words
+    >>> wrong_dip_mistake(-59.6, Site(inclination_deg=60.0)).words
     'the field dips by -59.6°, at the site it should by 60.0°: the vertical seems to be upside down, as an \
 accelerometer that lies level reads −g on z; the site was not used'
     """
     there = site.inclination_deg or 0.0
     if abs(seen_deg + there) <= FAR_SITE_DEG:
         fault = "reversed"
-    elif seen_deg * there < 0.0 and min(abs(seen_deg), abs(there)) > STEEP_DEG:
+    elif seen_deg * there < 0.0 and min(abs(seen_deg), abs(there)) > MIN_SIGNED_DIP_DEG:
         fault = "turned"
     else:
         fault = "elsewhere"
@@ -288,13 +293,13 @@ accelerometer that lies level reads −g on z; the site was not used'
     return _certain_mistake("site-differs", "site", {**numbers, "site_fault": fault})
 
 
-def dip_of(aided: Aided) -> float:
+def dip_of(aided: AidedFit) -> float:
     """The fitted dip in degrees."""
     sine = aided.parameters.sine if "sine" in aided.layout else float(aided.parameters.direction[2])
     return float(np.rad2deg(np.arcsin(np.clip(sine, -1.0, 1.0))))
 
 
-def circular(samples: Samples, reference: Aided, dip_deg: float) -> Mistake | None:
+def compass_yaw_mistake(samples: Samples, reference: AidedFit, dip_deg: float) -> Mistake | None:
     """Mistake of a logged yaw that comes from an uncalibrated compass, such as this one; None if it does not.
 
     The field, corrected without that yaw and rotated into the world by the logged attitude, has a constant direction if
@@ -320,7 +325,7 @@ def circular(samples: Samples, reference: Aided, dip_deg: float) -> Mistake | No
         return None
     if "tilt" not in reference.aiding:
         terms = (*(aid for aid in reference.aiding if aid == "rate"), "tilt")
-        reference = solve(samples, terms, near=reference, is_rough=True)
+        reference = fit_aided(samples, terms, near=reference, is_rough=True)
     matrices, field = matrices[known], samples.field[known]
     turned = _angles_from_mean(matrices, reference.corrected(field))
     off = float(np.rad2deg(np.std(turned)))
@@ -357,7 +362,7 @@ def vertical_error_deg(field: Floats, acceleration: Floats, calibration: Calibra
     if not added > MIN_TILT_ERROR_DEG:
         return math.nan
     felt = acceleration[:: max(1, len(acceleration) // MAX_READINGS)]
-    return added if scatter_at_rest(felt) < MAX_STILL_SCATTER else math.nan
+    return added if rest_scatter(felt) < MAX_STILL_SCATTER else math.nan
 
 
 def _correlated_error_deg(estimate: Estimate) -> float:
@@ -369,10 +374,10 @@ def _correlated_error_deg(estimate: Estimate) -> float:
 def _empty_column(samples: Samples, aid: str) -> Mistake | None:
     """Mistake of a column without values; None also if there is no such column."""
     if aid == "rate" and samples.rate is not None and samples.time is not None:
-        inside = gyro.windows(samples.time, samples.rate)
+        inside = gyro.window_rows(samples.time, samples.rate)
         usable = inside.size
     elif aid == "dip" and samples.acceleration is not None:
-        usable = int(np.count_nonzero(dip.verticals(samples.acceleration)[1]))
+        usable = int(np.count_nonzero(dip.accelerometer_verticals(samples.acceleration)[1]))
     elif aid in ("tilt", "attitude") and samples.attitude is not None:
         usable = int(np.count_nonzero(np.isfinite(samples.attitude).all(axis=1)))
     else:
@@ -397,14 +402,14 @@ def _clipped_gyro(samples: Samples, aid: str) -> Mistake | None:
     return None
 
 
-def _unrelated_gyro(mounted: Mounted) -> Mistake:
+def _unrelated_gyro(mounted: MountingFit) -> Mistake:
     """Mistake of a gyro that does not explain the change of the field in any unit and axes."""
     return _certain_mistake("gyro-differs", "rate", {"gyro_leaves": mounted.left})
 
 
-def _wrong_axes(aid: str, mounted: Mounted, *, contradicted: bool, is_signed: bool) -> Mistake:
+def _wrong_axes(aid: str, mounted: MountingFit, *, contradicted: bool, is_signed: bool) -> Mistake:
     """Mistake of an instrument in wrong axes or a wrong unit, and whether it is left out."""
-    if mounted.unit != RAD_S or (aid == "rate" and mounted.axes == REVERSED):
+    if mounted.unit != RAD_S or (aid == "rate" and mounted.axes == REVERSED_AXES):
         rate_unit = "" if mounted.unit == RAD_S else mounted.unit
         axes = "" if mounted.axes.is_identity else str(mounted.axes)
         return _certain_mistake(
@@ -449,7 +454,7 @@ MIN_MEANS: Final = 20
 """Smallest count of means, for nine unknowns."""
 
 
-def lean_in_turns_deg(samples: Samples, aided: Aided) -> float:
+def lean_in_turns_deg(samples: Samples, aided: AidedFit) -> float:
     """Angle (rms, degrees) by which the vertical of an accelerometer leans in proportion to the rate of rotation.
 
     A vehicle that turns at the rate ω with speed s is accelerated sideways by sω, and its vertical v leans to the other
@@ -463,20 +468,20 @@ def lean_in_turns_deg(samples: Samples, aided: Aided) -> float:
 
     >>> from flinders import simulate
     >>> swayed, flown = (simulate.tumble(seed=1, motion=motion, n=1500).samples for motion in ("swayed", "flight"))
-    >>> lean_in_turns_deg(swayed, solve(swayed, ())) < 0.2, lean_in_turns_deg(flown, solve(flown, ())) > 10.0
+    >>> lean_in_turns_deg(swayed, fit_aided(swayed, ())) < 0.2, lean_in_turns_deg(flown, fit_aided(flown, ())) > 10.0
     (True, True)
     """
     if samples.acceleration is None or samples.time is None:
         return 0.0
-    down, trust = dip.verticals(samples.acceleration)
+    down, trust = dip.accelerometer_verticals(samples.acceleration)
     known = (trust > 0.0) & np.isfinite(samples.time)
     field, time = aided.corrected(samples.field[known]), samples.time[known]
     if not len(time) > 1 or not np.all(np.diff(time) > 0.0):
         return 0.0
-    vertical, _ = dip.upright(down[known], aided.parameters.accelerometer)
+    vertical, _ = dip.correct_verticals(down[known], aided.parameters.accelerometer)
     q = field / np.maximum(lengths(field), 1e-300)[:, np.newaxis]
     turning = np.gradient(np.unwrap(np.deg2rad(np.nan_to_num(magnetic_heading_deg(q, -vertical)))), time)
-    left = dip.residuals(vertical[np.newaxis], q[np.newaxis], aided.parameters.sine)[0]
+    left = dip.dip_residuals(vertical[np.newaxis], q[np.newaxis], aided.parameters.sine)[0]
     across = q - np.einsum("ni,ni->n", vertical, q)[:, np.newaxis] * vertical
     others = () if "sine" in aided.layout else (np.cross(vertical, q), across)
     rows = _means(np.column_stack([left, turning, turning[:, np.newaxis] * q, *others]), time)

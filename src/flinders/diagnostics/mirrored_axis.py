@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.core.axes import nearest_to
-from flinders.diagnostics.instruments import STEEP_DEG, Mistake
-from flinders.findings import certain
+from flinders.core.axes import nearest_axes
+from flinders.diagnostics.instruments import MIN_SIGNED_DIP_DEG, Mistake
+from flinders.findings import certain_finding
 from flinders.geometry.rotation import lengths
 from flinders.likelihood import dip
 
@@ -48,24 +48,24 @@ def mirrored_axis(seen_deg: float, site: Site, rotation: Floats | None) -> Mista
         From the axes of the magnetometer to those of the body. The result is None if unknown or nearest to unity.
     """
     there = site.inclination_deg or 0.0
-    turned = None if rotation is None else nearest_to(rotation)
+    turned = None if rotation is None else nearest_axes(rotation)
     if turned is None or turned.is_identity or turned.is_mirror:
         return None
-    if not (seen_deg * there < 0.0 and min(abs(seen_deg), abs(there)) > STEEP_DEG):
+    if not (seen_deg * there < 0.0 and min(abs(seen_deg), abs(there)) > MIN_SIGNED_DIP_DEG):
         return None
     if abs(seen_deg + there) > MAX_DIP_DIFFERENCE_DEG:
         return None
     mended = turned.opposite
     numbers = {"handedness": -1.0, "dip_deg": seen_deg, "site_dip_deg": there}
     words = {"axis": mended.mirrored_axis, "axes": str(mended), "turned_by": str(turned)}
-    return Mistake("site", certain({**numbers, **words, "aid": "site"}, "mirrored-axis"), drops=True)
+    return Mistake("site", certain_finding({**numbers, **words, "aid": "site"}, "mirrored-axis"), drops=True)
 
 
-def middle_dip_deg(samples: Samples, ellipsoid: Ellipsoid, axes: Axes) -> float:
+def median_dip_deg(samples: Samples, ellipsoid: Ellipsoid, axes: Axes) -> float:
     """Median dip of a magnetometer with other `axes`, by an accelerometer that may lean in turns; NaN without one."""
     if samples.acceleration is None:
         return math.nan
-    down, trust = dip.verticals(samples.acceleration)
+    down, trust = dip.accelerometer_verticals(samples.acceleration)
     known = trust > 0.0
     field = axes.apply(np.linalg.solve(ellipsoid.shape, (samples.field[known] - ellipsoid.centre).T).T)
     sine = np.einsum("ni,ni->n", down[known], field) / np.maximum(lengths(field), 1e-300)

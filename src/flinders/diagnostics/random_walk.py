@@ -38,16 +38,16 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from flinders.core.durations import duration
-from flinders.core.joining import singles
+from flinders.core.durations import duration_text
+from flinders.core.joining import single_recordings
 from flinders.errors import NeedsSamples, TooFewSamples, figures
-from flinders.estimators.covariance import Residuals, time_of
-from flinders.estimators.in_plane import equator
+from flinders.estimators.covariance import Residuals, correlation_length
+from flinders.estimators.in_plane import equator_ellipsoid
 from flinders.geometry.ellipsoid import Ellipsoid
-from flinders.geometry.plane import PlaneEllipse, order_of
+from flinders.geometry.plane import PlaneEllipse, axis_order
 from flinders.likelihood import magnitude
 from flinders.likelihood.robust import robust_sigma
-from flinders.summary.coverage import directions_of
+from flinders.summary.coverage import corrected_directions
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -57,7 +57,7 @@ if TYPE_CHECKING:
 SPANS: Final = 200
 """Count of spans that a recording is cut into."""
 
-FEWEST: Final = 100
+MIN_READINGS: Final = 100
 """Smallest count of readings; with fewer a walk cannot be distinguished from noise."""
 
 MAX_RESIDUAL_SIGMAS: Final = 4.0
@@ -114,7 +114,7 @@ class RandomWalk:
         return float((level / q) ** 2) if q > 0.0 else np.inf
 
     @property
-    def at_most_moved(self) -> float:
+    def max_undetected_change(self) -> float:
         """Change of the offset (1 σ) by the largest possible walk over the recording, in the unit of the readings."""
         return float(self.random_walk_upper_bound * np.sqrt(self.seconds))
 
@@ -124,17 +124,17 @@ class RandomWalk:
 
     def words(self, unit: str, *, level_deg: float = 1.0, dip_deg: float = 60.0) -> str:
         """Sentence on the change of the offset, and on how long a calibration stays within `level_deg`."""
-        lifetime = duration(self.valid_for_s(level_deg, dip_deg=dip_deg))
+        lifetime = duration_text(self.valid_for_s(level_deg, dip_deg=dip_deg))
         least = "" if self.is_proven else "at least "
         story = self.story(unit, level_deg=level_deg, dip_deg=dip_deg)
         return f"{story}; {level_deg:g}° of heading (1 σ, dip {dip_deg:.0f}°) takes {least}{lifetime}"
 
     def story(self, unit: str, *, level_deg: float = 1.0, dip_deg: float = 60.0) -> str:
         """Sentence on the change of the offset, or that it cannot be determined to `level_deg`."""
-        over = duration(self.seconds)
+        over = duration_text(self.seconds)
         if not self.is_determined(level_deg, dip_deg=dip_deg):
             return (
-                f"cannot determine whether the offset moved: {figures(self.at_most_moved)} {unit} over {over} "
+                f"cannot determine whether the offset moved: {figures(self.max_undetected_change)} {unit} over {over} "
                 "would not show in this recording"
             )
         if not self.is_proven:
@@ -144,7 +144,7 @@ class RandomWalk:
             f"random walk of {figures(self.random_walk_per_root_s)} {unit}/√s"
         )
 
-    def drawn(self, width: int = 60) -> str:
+    def to_bars(self, width: int = 60) -> str:
         """Line of bars that shows the distance of the offset from its start over time.
 
         >>> path = np.outer(np.linspace(0.0, 7.0, 8), [1.0, 0.0, 0.0])
@@ -216,12 +216,12 @@ def random_walk_of(
     """
     if time is None or not bool(np.all(np.diff(time) >= 0.0)) or time[-1] <= time[0]:
         raise NeedsSamples("walk")
-    if len(readings) < FEWEST:
-        raise TooFewSamples(found=len(readings), needed=FEWEST, method="walk")
+    if len(readings) < MIN_READINGS:
+        raise TooFewSamples(found=len(readings), needed=MIN_READINGS, method="walk")
     laid = (readings, ellipsoid) if plane is None else _flatten(readings, ellipsoid, plane, dip_deg)
     spans = _spans(*laid, time, is_own=is_own)
     sizes = np.append(0.0, np.geomspace(1e-6, 1.0, TRIAL_SIZES - 1) * ellipsoid.radius / np.sqrt(time[-1] - time[0]))
-    likelihoods = _filtered(spans, sizes, ellipsoid.radius).likelihood
+    likelihoods = _run_filter(spans, sizes, ellipsoid.radius).likelihood
     gain = 2.0 * float(likelihoods.max() - likelihoods[0])
     q = _refine_size(sizes, likelihoods, int(np.argmax(likelihoods)))
     at_most = float(sizes[likelihoods > likelihoods.max() - MIN_LIKELIHOOD_GAIN / 2.0].max())
@@ -235,13 +235,13 @@ def random_walk_of(
 
 def _smoothed_path(spans: _Spans, q: float, radius: float) -> tuple[Floats, Floats]:
     """Path (K, 3) of a walk of size q, and its standard deviation (K, 3)."""
-    path, covariance = _smoothed(_filtered(spans, np.array([q]), radius))
+    path, covariance = _run_smoother(_run_filter(spans, np.array([q]), radius))
     return path[:, 0], _sigma(covariance[:, 0])
 
 
 def _constant_path(spans: _Spans, at_most: float, radius: float) -> tuple[Floats, Floats]:
     """Constant path (K, 3), and rms distance (K, 3) from it of a walk of size `at_most`."""
-    paths, covariances = _smoothed(_filtered(spans, np.array([0.0, at_most]), radius))
+    paths, covariances = _run_smoother(_run_filter(spans, np.array([0.0, at_most]), radius))
     path = np.tile(paths[-1, 0], (len(paths), 1))  # the same in all spans except for rounding
     return path, np.hypot(paths[:, 1] - path, _sigma(covariances[:, 1]))
 
@@ -266,10 +266,10 @@ def walk_through(
 
     Raises `NeedsSamples` or `TooFewSamples` as `random_walk_of`.
     """
-    single = next(iter(singles(recording)))
+    single = next(iter(single_recordings(recording)))
     blocks = [block for block in single.blocks() if len(block)]
     if not blocks:
-        raise TooFewSamples(found=0, needed=FEWEST, method="walk")
+        raise TooFewSamples(found=0, needed=MIN_READINGS, method="walk")
     times = [block.time for block in blocks if block.time is not None]
     time = np.concatenate(times) if len(times) == len(blocks) else None
     field = np.concatenate([block.field for block in blocks])
@@ -278,10 +278,10 @@ def walk_through(
 
 def _flatten(readings: Floats, ellipsoid: Ellipsoid, plane: Plane, dip_deg: float) -> tuple[Floats, Ellipsoid]:
     """Readings projected into their plane, and the ellipsoid whose equator is the ellipse in it."""
-    first, second, third = order_of(plane)
+    first, second, third = axis_order(plane)
     seen, dip = [first, second], np.deg2rad(dip_deg)
     centre = ellipsoid.centre[seen] + np.sin(dip) * ellipsoid.shape[seen, third]
-    level = equator(PlaneEllipse(centre, np.cos(dip) * ellipsoid.shape[np.ix_(seen, seen)]))
+    level = equator_ellipsoid(PlaneEllipse(centre, np.cos(dip) * ellipsoid.shape[np.ix_(seen, seen)]))
     there = np.argsort([first, second, third])
     flat = readings.copy()
     flat[:, third] = 0.0
@@ -291,7 +291,7 @@ def _flatten(readings: Floats, ellipsoid: Ellipsoid, plane: Plane, dip_deg: floa
 def _spans(readings: Floats, ellipsoid: Ellipsoid, time: Floats, *, is_own: bool = True) -> _Spans:
     """Sum readings to the normal equations of spans, with residuals clipped."""
     distances = magnitude.distances(readings, ellipsoid)
-    jacobian = magnitude.information(directions_of(readings, ellipsoid), ellipsoid)
+    jacobian = magnitude.information(corrected_directions(readings, ellipsoid), ellipsoid)
     residuals = distances if is_own else distances - _piecewise_effect(distances, jacobian, time)
     noise = max(robust_sigma(residuals), 1e-9 * ellipsoid.radius)
     weights = np.minimum(1.0, MAX_RESIDUAL_SIGMAS * noise / np.maximum(np.abs(residuals), np.finfo(float).tiny)) ** 2
@@ -310,7 +310,7 @@ def _spans(readings: Floats, ellipsoid: Ellipsoid, time: Floats, *, is_own: bool
 def _correlation_length(left: Floats, jacobian: Floats, time: Floats) -> float:
     """Count of readings equivalent to one independent reading, after subtracting a walk over few spans."""
     residuals = Residuals(left - _piecewise_effect(left, jacobian, time), jacobian, [np.arange(len(left))])
-    return max(1.0, time_of(residuals.autocovariance()))
+    return max(1.0, correlation_length(residuals.autocovariance()))
 
 
 def _piecewise_effect(left: Floats, jacobian: Floats, time: Floats) -> Floats:
@@ -335,7 +335,7 @@ class _FilterRun(NamedTuple):
     covariance_after: Floats  #: (K, T, 3, 3)
 
 
-def _filtered(spans: _Spans, sizes: Floats, radius: float) -> _FilterRun:
+def _run_filter(spans: _Spans, sizes: Floats, radius: float) -> _FilterRun:
     """Run Kalman filters over the spans in information form.
 
     With g = Σ n s / σ² and N = Σ n nᵀ / σ², g − N b has the covariance N.
@@ -371,7 +371,7 @@ def _filtered(spans: _Spans, sizes: Floats, radius: float) -> _FilterRun:
     return _FilterRun(likelihood, before, after, covariance_before, covariance_after)
 
 
-def _smoothed(filtered: _FilterRun) -> tuple[Floats, Floats]:
+def _run_smoother(filtered: _FilterRun) -> tuple[Floats, Floats]:
     """Smoothed paths (K, T, 3) and their covariance (K, T, 3, 3), after Rauch, Tung and Striebel."""
     path, covariance = filtered.after.copy(), filtered.covariance_after.copy()
     ahead = filtered.covariance_before[1:]

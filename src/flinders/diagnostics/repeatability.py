@@ -7,7 +7,7 @@ moved, another place, the cover put on. The residuals of a joint fit hardly show
 >>> sphere, moved = (Ellipsoid(np.array([x, 0.0, 0.0]), 50.0 * np.eye(3)) for x in (0.0, 3.0))
 >>> claimed = np.diag([0.01] * 9)
 >>> days = RecordingFit("monday", 500, sphere, claimed), RecordingFit("tuesday", 500, moved, claimed)
->>> repeats = compared(days, dip_deg=60.0)
+>>> repeats = compare_recordings(days, dip_deg=60.0)
 >>> repeats.farthest.source, round(repeats.farthest.difference_deg), repeats.p_value < 1e-6
 ('monday', 7, True)
 """
@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flinders.heading.error_propagation import level_error
-from flinders.summary.pooling import chance_of, chi_square_of, each_from_the_others, pool
+from flinders.summary.pooling import chi_square_of, differences_from_others, p_value_of, pool
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -68,7 +68,7 @@ class Repeats:
     p_value: float  #: probability of as much scatter by chance
 
     @property
-    def farthest(self) -> Repeat:
+    def most_deviating(self) -> Repeat:
         """The recording with the smallest p-value."""
         return min(self.parts, key=lambda part: (part.p_value, -part.difference_deg))
 
@@ -81,14 +81,14 @@ class Repeats:
         }
 
 
-def compared(parts: Sequence[RecordingFit], *, dip_deg: float) -> Repeats:
+def compare_recordings(parts: Sequence[RecordingFit], *, dip_deg: float) -> Repeats:
     """Compare two or more recordings, for a level vehicle at a dip."""
     parameters, covariances = [part.parameters for part in parts], [part.covariance for part in parts]
     together = pool(parameters, covariances)
     middle = parts[0].ellipsoid
     repeats = []
-    for part, (off, covariance) in zip(parts, each_from_the_others(parameters, covariances), strict=True):
-        alone = chance_of(*chi_square_of(off, covariance))
+    for part, (off, covariance) in zip(parts, differences_from_others(parameters, covariances), strict=True):
+        alone = p_value_of(*chi_square_of(off, covariance))
         repeats.append(
             Repeat(
                 source=part.source,
@@ -102,7 +102,7 @@ def compared(parts: Sequence[RecordingFit], *, dip_deg: float) -> Repeats:
         )
     return Repeats(
         parts=tuple(repeats),
-        scatter=together.predicted,
-        scatter_deg=level_error(middle, together.predicted, dip_deg=dip_deg).worst,
+        scatter=together.prediction_scatter,
+        scatter_deg=level_error(middle, together.prediction_scatter, dip_deg=dip_deg).worst,
         p_value=together.p_value,
     )

@@ -163,7 +163,7 @@ class AxisLag:
         return "xyz"[self._place]
 
     @property
-    def apart(self) -> float:
+    def lag(self) -> float:
         """Delay of that axis behind the mean of the other two."""
         return 1.5 * self.lags[self._place]
 
@@ -177,7 +177,7 @@ class AxisLag:
         >>> str(AxisLag((0.02, -0.01, -0.01), True, 0.8, 0.0)), str(AxisLag((0.4, 0.3, -0.7), False, 0.8, 0.0))
         ('axis x is read 30 ms later than the others', 'axis z is read 1.05 readings earlier than the others')
         """
-        return axis_lag(self.axis, self.apart, self.is_timed)
+        return axis_lag(self.axis, self.lag, self.is_timed)
 
 
 def lag_in(record: Records) -> AxisLag | None:

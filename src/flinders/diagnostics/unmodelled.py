@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.core.disturbance import is_column, known
+from flinders.core.disturbance import is_column, kind_of
 from flinders.native.engine import engine
 
 if TYPE_CHECKING:
@@ -71,12 +71,12 @@ def _test_disturbance(
     samples: Samples, name: str, ellipsoid: Ellipsoid, dip_deg: float, time: float, limit: float
 ) -> Unmodelled | None:
     """Test of one disturbance; None if it was not recorded, hardly changed, or explains nothing."""
-    values = samples.driving(name)
+    values = samples.disturbance_values(name)
     if values is None:
         return None
     regression = engine().regress(samples.field, values, ellipsoid.centre, ellipsoid.shape, limit=limit)
     used, stride = int(regression["used"]), int(regression["stride"])
-    if used < MIN_READINGS or regression["range"] < known(name).least:
+    if used < MIN_READINGS or regression["range"] < kind_of(name).least:
         return None
     variance = float(regression["left"]) / max(used - 12, 1)
     time = max(time / stride, min(time, 1.0))

@@ -30,7 +30,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Final
 
-from flinders.core.units import EARTH_UT, MICROTESLA
+from flinders.core.units import EARTH_FIELD_RANGE_UT, MICROTESLA
 from flinders.errors import Unmoved
 from flinders.native.engine import engine
 
@@ -55,7 +55,7 @@ def require_moved(summary: Summary, unit: str, how: str = "through all direction
         raise Unmoved(angle, how)
 
 
-def was_turned(records: Records, unit: str, *, weakest: float = EARTH_UT[0]) -> NDArray[np.bool_]:
+def was_turned(records: Records, unit: str, *, weakest: float = EARTH_FIELD_RANGE_UT[0]) -> NDArray[np.bool_]:
     """Whether a record alone proves that a sensor was turned out of one plane and was never at a rail.
 
     Parameters
@@ -71,7 +71,7 @@ def was_turned(records: Records, unit: str, *, weakest: float = EARTH_UT[0]) -> 
     (U,) bool, or one
         False if the summary is needed to decide: `unmoved_deg`, rails, a level turn.
     """
-    return engine().turned(records, (weakest, EARTH_UT[1]) if unit == MICROTESLA else ANY_FIELD)
+    return engine().are_turned(records, (weakest, EARTH_FIELD_RANGE_UT[1]) if unit == MICROTESLA else ANY_FIELD)
 
 
 def unmoved_deg(summary: Summary, unit: str) -> float | None:
@@ -81,6 +81,6 @@ def unmoved_deg(summary: Summary, unit: str) -> float | None:
     """
     cloud = summary.cloud  # each place counts once, so that a rest within a turn has no more weight than any other
     # place
-    strengths = EARTH_UT if unit == MICROTESLA else ANY_FIELD
+    strengths = EARTH_FIELD_RANGE_UT if unit == MICROTESLA else ANY_FIELD
     angle = engine().unmoved_deg(cloud.means, float(cloud.counts.sum()), strengths)
     return None if math.isnan(angle) else angle

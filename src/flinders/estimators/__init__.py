@@ -22,8 +22,8 @@ from flinders.core.plugins import modules_of
 from flinders.errors import UsageError, did_you_mean
 from flinders.estimators.algebraic import fit_error
 from flinders.estimators.base import Estimate, Estimator, Method
-from flinders.estimators.data import Readings, within_range
-from flinders.estimators.outliers import outliers_of
+from flinders.estimators.data import Readings, remove_saturated
+from flinders.estimators.outliers import outlier_runs
 from flinders.estimators.trace import Convergence
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ METHODS: Final[Mapping[str, type[Estimator]]] = _RowMapping(lambda row: row.kind
 """Classes of all methods by name, the one to try first at the top."""
 
 
-def method_of(name: str) -> type[Estimator]:
+def method_class(name: str) -> type[Estimator]:
     """Class of a method by its name.
 
     Raises `UsageError` for an unknown name.
@@ -136,8 +136,8 @@ __all__ = [
     "Method",
     "Readings",
     "fit_error",
-    "method_of",
-    "outliers_of",
+    "method_class",
+    "outlier_runs",
+    "remove_saturated",
     "table",
-    "within_range",
 ]

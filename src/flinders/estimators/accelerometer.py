@@ -16,7 +16,7 @@ IEEE Trans. Instrum. Meas. 58 (2009), eq. 4.
 
 >>> from flinders import simulate
 >>> acceleration = simulate.tumble(seed=1, motion="hand", n=1500).samples.acceleration
->>> prior = known_before(1.02 * acceleration + [0.2, 0.0, 0.0], AccelerometerPrior.of())
+>>> prior = update_prior(1.02 * acceleration + [0.2, 0.0, 0.0], AccelerometerPrior.of())
 >>> sigma = np.sqrt(np.diag(np.linalg.inv(prior.precision)))
 >>> bool(abs(prior.mean[0] - 0.2 / 9.80665) < 4.0 * sigma[0] < 0.003)
 True
@@ -28,12 +28,12 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.estimators.covariance import Residuals, time_of
-from flinders.estimators.joint_covariance import MOST
-from flinders.geometry.ellipsoid import symmetric
-from flinders.geometry.rotation import across, lengths
-from flinders.likelihood.dip import AccelerometerPrior, by_symmetric
-from flinders.likelihood.robust import huber, robust_sigma
+from flinders.estimators.covariance import Residuals, correlation_length
+from flinders.estimators.joint_covariance import MAX_SPURIOUS_SHARE
+from flinders.geometry.ellipsoid import symmetric_matrix
+from flinders.geometry.rotation import lengths, perpendicular_vectors
+from flinders.likelihood.dip import AccelerometerPrior, symmetric_derivatives
+from flinders.likelihood.robust import huber_weights, robust_sigma
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -45,7 +45,7 @@ MIN_LENGTH_SIGMA: Final = 1e-4
 """Smallest standard deviation of the length of gravity, relative to gravity."""
 
 
-def known_before(acceleration: Floats, prior: AccelerometerPrior) -> AccelerometerPrior:
+def update_prior(acceleration: Floats, prior: AccelerometerPrior) -> AccelerometerPrior:
     """Update a prior by the lengths of accelerations.
 
     `acceleration`: (N, 3) specific force in body axes, in any unit; NaN for missing readings.
@@ -57,10 +57,10 @@ def known_before(acceleration: Floats, prior: AccelerometerPrior) -> Acceleromet
     force = force / scale
     errors = prior.mean
     for _ in range(NEWTON_STEPS):
-        corrected = (errors[:3] - force) @ (np.eye(3) + symmetric(errors[3:]))
+        corrected = (errors[:3] - force) @ (np.eye(3) + symmetric_matrix(errors[3:]))
         residuals = 1.0 - lengths(corrected)
         sigma = max(robust_sigma(residuals), MIN_LENGTH_SIGMA)
-        weights = huber(residuals / sigma) / (sigma**2 * _correlation_length(residuals))
+        weights = huber_weights(residuals / sigma) / (sigma**2 * _correlation_length(residuals))
         along = corrected / np.maximum(1.0 - residuals, 1e-300)[:, np.newaxis]
         jacobian = _gradients(along, along)
         root, reliability = _reliability(jacobian, along, weights, sigma)
@@ -70,17 +70,17 @@ def known_before(acceleration: Floats, prior: AccelerometerPrior) -> Acceleromet
     return AccelerometerPrior(errors, precision, scale)
 
 
-def scatter_at_rest(acceleration: Floats) -> float:
+def rest_scatter(acceleration: Floats) -> float:
     """Relative scatter of |g| that errors of an accelerometer do not explain, from motion and noise."""
-    errors = known_before(acceleration, AccelerometerPrior.of()).mean
+    errors = update_prior(acceleration, AccelerometerPrior.of()).mean
     force = acceleration[np.isfinite(acceleration).all(axis=1)]
-    corrected = lengths((errors[:3] - force / np.median(lengths(force))) @ (np.eye(3) + symmetric(errors[3:])))
+    corrected = lengths((errors[:3] - force / np.median(lengths(force))) @ (np.eye(3) + symmetric_matrix(errors[3:])))
     return robust_sigma(corrected - np.median(corrected))
 
 
 def _gradients(first: Floats, second: Floats) -> Floats:
     """(N, 9) derivatives of wβ + wΓw′ by (β, Γ), for (N, 3) unit vectors w and w′."""
-    return np.concatenate([first, by_symmetric(first, second)], axis=1)
+    return np.concatenate([first, symmetric_derivatives(first, second)], axis=1)
 
 
 def _reliability(jacobian: Floats, along: Floats, weights: Floats, sigma: float) -> tuple[Floats, Floats]:
@@ -90,17 +90,17 @@ def _reliability(jacobian: Floats, along: Floats, weights: Floats, sigma: float)
     Fuller, *Measurement Error Models*, 1987, §1.1). A reliability below a tenth is set to zero.
     """
     spurious = np.zeros((9, 9))
-    for aside in np.moveaxis(across(along), 2, 0):
+    for aside in np.moveaxis(perpendicular_vectors(along), 2, 0):
         moved = sigma * _gradients(aside, 2.0 * along)
         spurious += (moved.T * weights) @ moved
     lower = np.linalg.cholesky((jacobian.T * weights) @ jacobian + np.eye(9))  # 1 is much less than any prior
     half = np.linalg.solve(lower, spurious)
     shares, turned = np.linalg.eigh(np.linalg.solve(lower, half.T))
-    return lower @ turned, np.where(shares < MOST, np.clip(1.0 - shares, 0.0, 1.0), 0.0)
+    return lower @ turned, np.where(shares < MAX_SPURIOUS_SHARE, np.clip(1.0 - shares, 0.0, 1.0), 0.0)
 
 
 def _correlation_length(residuals: Floats) -> float:
     """Correlation length of consecutive residuals: their number per independent residual."""
     middle = residuals - residuals.mean()
     alone = Residuals(middle, np.zeros((len(middle), 1)), [np.arange(len(middle))])
-    return max(1.0, time_of(alone.autocovariance()))
+    return max(1.0, correlation_length(alone.autocovariance()))

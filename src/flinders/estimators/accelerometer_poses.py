@@ -40,13 +40,13 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.core.inertial import SIZES, STANDARD_GRAVITY, TiltError, Triad
+from flinders.core.inertial import SI_PER_UNIT, STANDARD_GRAVITY, TiltError, Triad
 from flinders.errors import FitError, MissingPose, TooFewSamples
-from flinders.estimators.accelerometer import known_before
-from flinders.geometry.ellipsoid import symmetric
+from flinders.estimators.accelerometer import update_prior
+from flinders.geometry.ellipsoid import symmetric_matrix
 from flinders.geometry.rotation import lengths
-from flinders.heading.tilt_error import tilt_error, turns
-from flinders.likelihood.dip import AccelerometerPrior, by_symmetric
+from flinders.heading.tilt_error import tilt_error, tilt_gradients
+from flinders.likelihood.dip import AccelerometerPrior, symmetric_derivatives
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -97,7 +97,7 @@ class AccelerometerEstimate:
     gravity: float = STANDARD_GRAVITY  #: m/s²
 
     @property
-    def sees_misalignment(self) -> bool:
+    def has_misalignment(self) -> bool:
         """Whether the poses determine the misalignment of the axes."""
         return bool(np.sqrt(np.diag(self.covariance)[6:].max()) < MAX_DETERMINED_RATIO * ORTHOGONALITY_SIGMA)
 
@@ -118,17 +118,17 @@ class AccelerometerEstimate:
 
     def triad(self) -> Triad:
         """Correction of the accelerometer, in the unit that follows from the length of gravity."""
-        whole, size = np.eye(3) + symmetric(self.errors[3:]), self.gravity / self.scale
+        whole, size = np.eye(3) + symmetric_matrix(self.errors[3:]), self.gravity / self.scale
         sigma = np.sqrt(np.diag(self.covariance))
         return Triad(
-            size * whole, self.scale * self.errors[:3], unit_of(self.scale), size * symmetric(sigma[3:]),
+            size * whole, self.scale * self.errors[:3], unit_of(self.scale), size * symmetric_matrix(sigma[3:]),
             self.scale * sigma[:3],
         )  # fmt: skip
 
     def _gains(self, attitudes: Floats) -> Floats:
         """(N,) reduction of the mean square tilt by one more pose in each of (N, 3) attitudes."""
-        row = np.concatenate([-attitudes, by_symmetric(attitudes, attitudes)], axis=1)
-        moved = turns(self.errors, np.concatenate([SIDES, attitudes]))
+        row = np.concatenate([-attitudes, symmetric_derivatives(attitudes, attitudes)], axis=1)
+        moved = tilt_gradients(self.errors, np.concatenate([SIDES, attitudes]))
         tilts = np.einsum("nki,nkj->ij", moved, moved)
         seen = row @ self.covariance
         shrunk: Floats = np.einsum("ni,ij,nj->n", seen, tilts, seen) / (
@@ -179,7 +179,7 @@ def from_readings(acceleration: Floats, *, gravity: float = STANDARD_GRAVITY) ->
     known = acceleration[np.isfinite(acceleration).all(axis=1) & acceleration.any(axis=1)]
     if len(known) < MIN_READINGS:
         raise TooFewSamples(found=len(known), needed=MIN_READINGS, method="accelerometer")
-    after = known_before(known, _prior())
+    after = update_prior(known, _prior())
     scale = float(np.median(lengths(known)))
     found = AccelerometerEstimate(after.mean, np.linalg.inv(after.precision), scale, len(known), gravity=gravity)
     _refuse_undetermined(found)
@@ -194,7 +194,8 @@ def unit_of(scale: float) -> InertialUnit:
     """
     names: tuple[InertialUnit, ...] = ("m/s2", "g", "mg")
     return next(
-        (name for name in names if abs(scale * SIZES[name] / STANDARD_GRAVITY - 1.0) < MAX_GRAVITY_DIFFERENCE), "counts"
+        (name for name in names if abs(scale * SI_PER_UNIT[name] / STANDARD_GRAVITY - 1.0) < MAX_GRAVITY_DIFFERENCE),
+        "counts",
     )
 
 
@@ -206,12 +207,12 @@ def _prior() -> AccelerometerPrior:
 
 def _equations(force: Floats, errors: Floats) -> tuple[Floats, Floats]:
     """(P,) residuals 1 − |(1 + Γ)(β − f)|, and their negative (P, 9) derivatives by the errors."""
-    whole = np.eye(3) + symmetric(errors[3:])
+    whole = np.eye(3) + symmetric_matrix(errors[3:])
     felt = errors[:3] - force
     corrected = felt @ whole
     length = lengths(corrected)
     along = corrected / length[:, np.newaxis]
-    return 1.0 - length, np.concatenate([along @ whole, by_symmetric(along, felt)], axis=1)
+    return 1.0 - length, np.concatenate([along @ whole, symmetric_derivatives(along, felt)], axis=1)
 
 
 def _refuse_undetermined(found: AccelerometerEstimate) -> None:

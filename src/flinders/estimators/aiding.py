@@ -15,7 +15,7 @@ that is independent of this compass. A gyro does not observe the rotation about 
 
 >>> from flinders import simulate
 >>> drive = simulate.tumble(seed=1, motion="flight", n=1500)
->>> aided = solve(drive.samples, ("rate", "dip"))
+>>> aided = fit_aided(drive.samples, ("rate", "dip"))
 >>> error = np.abs(aided.parameters.offset - drive.sensor.offset)
 >>> bool(np.all(error < 4.0 * np.sqrt(np.diag(aided.covariance)[:3]))), aided.aiding
 (True, ('rate', 'dip'))
@@ -30,25 +30,31 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from flinders.errors import FitError, NotAnEllipsoid, TooFewSamples, UsageError
-from flinders.estimators.accelerometer import known_before
-from flinders.estimators.auto import found_alone
+from flinders.estimators.accelerometer import update_prior
+from flinders.estimators.auto import fit_alone
 from flinders.estimators.base import Estimate
 from flinders.estimators.joint_covariance import (
-    random_walk_of,
-    scatter_of,
-    span_of,
-    spurious_information_of,
-    without,
+    estimate_random_walk,
+    gradient_scatter,
+    joint_spurious_information,
+    subtract_spurious,
+    vertical_correlation,
 )
-from flinders.estimators.joint_outliers import leaving_out, without_outliers
-from flinders.estimators.likelihood import spheres_about
+from flinders.estimators.joint_outliers import fit_without_outliers, leave_out_runs
+from flinders.estimators.likelihood import start_spheres
 from flinders.estimators.rests import Rests
 from flinders.likelihood import gyro, prior
 from flinders.likelihood.dip import ACCELERATION_SIGMA, GAIN_SIGMA, AccelerometerPrior
 from flinders.likelihood.gyro import SCALE_SIGMA
-from flinders.likelihood.joint import JointProblem, deviance, initial, misfits
+from flinders.likelihood.joint import JointProblem, deviance, has_misfit, start_iterate
 from flinders.likelihood.parameters import ROTATION_SIGMA, TERMS
-from flinders.likelihood.solver import CORRECTED, EASED, STEPS, bias_corrected, levenberg_marquardt
+from flinders.likelihood.solver import (
+    LAST_CORRECTION_SIGMAS,
+    MAX_CORRECTION_STEPS,
+    MAX_STEPS,
+    correct_bias,
+    levenberg_marquardt,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -64,7 +70,7 @@ if TYPE_CHECKING:
     from flinders.likelihood.site_field import Site
     from flinders.likelihood.solver import Equations
 
-AIDS: Final = {term.name: term.words for term in TERMS.values()}
+AIDING_TERMS: Final = {term.name: term.words for term in TERMS.values()}
 """Terms of aiding sensors and the principle of each, in words."""
 
 MAX_OBSERVED_RATIO: Final = 0.5
@@ -79,7 +85,7 @@ MAX_WALK_ESTIMATES: Final = 4
 MIN_WALK_STEP: Final = 0.1
 """Largest step by the bias correction for a walk, in standard deviations, that is not taken."""
 
-FAR_SCALES: Final = 5.0
+MAX_SCALE_SIGMAS: Final = 5.0
 """Largest scale error of a gyro, in standard deviations of its prior; a larger one is an artefact and is not used."""
 
 SEARCH_READINGS: Final = 2000
@@ -95,7 +101,7 @@ MIN_READINGS: Final = 12  # smallest number of readings
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Aided:
+class AidedFit:
     """Result of a fit with aiding sensors."""
 
     parameters: Parameters
@@ -117,7 +123,7 @@ class Aided:
     # factor by which the scatter of parts of the recording exceeds that of their residuals, in variance
     excess_variance: float = 1.0
     site_off: float | None = None  # standard deviations between the estimated dip and that of the site
-    # largest scale error of the gyro if it is beyond `FAR_SCALES`, and the fit is without scale errors; otherwise 0
+    # largest scale error of the gyro if it is beyond `MAX_SCALE_SIGMAS`, and the fit is without scale errors; otherwise 0
     scales_off: float = 0.0
     gravity_reading: float = 1.0  # length of accelerations at rest, in their recorded unit
 
@@ -129,10 +135,10 @@ class Aided:
     @property
     def matrix(self) -> Floats:
         """(3, 3) matrix R S⁻¹, from readings minus the offset to unit vectors in body axes."""
-        return np.linalg.inv(self.parameters.ellipsoid_like)
+        return np.linalg.inv(self.parameters.rotated_shape)
 
     @property
-    def sees_rotation(self) -> bool:
+    def has_rotation(self) -> bool:
         """Whether the rotation from the magnetometer to the body is observed about at least one axis."""
         return "rotation" in self.layout and bool(np.any(self.rotation_seen < MAX_OBSERVED_RATIO))
 
@@ -168,22 +174,22 @@ class Aided:
         )
 
 
-def solve(
+def fit_aided(
     samples: Samples,
     terms: Sequence[str] = ("rate", "dip"),
     *,
     site: Site | None = None,
     start: Ellipsoid | None = None,
     rotation: Floats | None = None,
-    spread: float = prior.SPREAD,
+    spread: float = prior.SOFT_IRON_SPREAD,
     window_s: float = gyro.WINDOW_S,
     gyro_scale: float = SCALE_SIGMA,
     acceleration_bias: float = ACCELERATION_SIGMA,
     acceleration_gain: float = GAIN_SIGMA,
-    near: Aided | None = None,
+    near: AidedFit | None = None,
     shape: KnownShape | None = None,
     is_rough: bool = False,
-) -> Aided:
+) -> AidedFit:
     """Fit a magnetometer with aiding sensors.
 
     Raises `UsageError` for an unknown term, or a missing column; `TooFewSamples` for fewer readings than parameters;
@@ -194,7 +200,7 @@ def solve(
     samples : Samples
         One recording, in memory.
     terms : sequence of str
-        Names in `AIDS`; an empty sequence uses the magnitude alone.
+        Names in `AIDING_TERMS`; an empty sequence uses the magnitude alone.
     site : Site, optional
         Known field of the site.
     start : Ellipsoid, optional
@@ -207,7 +213,7 @@ def solve(
         Length of the windows of the gyro, in s.
     gyro_scale : float
         Prior 1 σ of the gyro's scale errors, and of its misalignment angles in rad, which are estimated. 0 for a
-        calibrated gyro. Scale errors of more than `FAR_SCALES` times this value indicate another error: the fit is then
+        calibrated gyro. Scale errors of more than `MAX_SCALE_SIGMAS` times this value indicate another error: the fit is then
         repeated without scale errors, and `Aided.scales_off` has the largest one.
     acceleration_bias : float
         Prior 1 σ of the accelerometer's bias on each axis in m/s², which is estimated. 0 for a calibrated
@@ -221,49 +227,49 @@ def solve(
     is_rough : bool
         Whether an error of a fraction of a standard deviation is acceptable, as for a check; saves steps.
     """
-    refuse_without(samples, terms)
+    refuse_missing_columns(samples, terms)
     samples = _average_rests(samples)
     accelerometer = _accelerometer(samples, terms, acceleration_bias, acceleration_gain)
     put = _Inputs(samples, tuple(terms), site, rotation, spread, window_s, accelerometer, shape, is_rough)
     aided = _solve_from_starts(put, gyro_scale, start, near).compute_claims()
     off = float(np.abs(aided.parameters.gyro_scale).max())
-    if gyro_scale > 0.0 and off > FAR_SCALES * gyro_scale:
+    if gyro_scale > 0.0 and off > MAX_SCALE_SIGMAS * gyro_scale:
         return replace(_solve_from_starts(put, 0.0, start, near).compute_claims(), scales_off=off)
     return aided
 
 
-def parameters_of(
+def fit_parameters(
     samples: Samples,
     terms: Sequence[str],
     *,
     rotation: Floats | None,
-    near: Aided,
+    near: AidedFit,
     gyro_scale: float = SCALE_SIGMA,
     acceleration_bias: float = ACCELERATION_SIGMA,
     acceleration_gain: float = GAIN_SIGMA,
 ) -> Parameters:
-    """Parameters from part of the readings of another fit, as in `solve`, but without the slow claims."""
+    """Parameters from part of the readings of another fit, as in `fit_aided`, but without the slow claims."""
     samples = _average_rests(samples)
     accelerometer = _accelerometer(samples, terms, acceleration_bias, acceleration_gain)
-    put = _Inputs(samples, tuple(terms), None, rotation, prior.SPREAD, gyro.WINDOW_S, accelerometer)
+    put = _Inputs(samples, tuple(terms), None, rotation, prior.SOFT_IRON_SPREAD, gyro.WINDOW_S, accelerometer)
     solved_for = _solve_from_starts(put, gyro_scale, None, near)
-    return bias_corrected(solved_for.problem.freed(), solved_for.iterate)[0].at
+    return correct_bias(solved_for.problem.free_accelerometer(), solved_for.iterate)[0].at
 
 
 def _average_rests(samples: Samples) -> Samples:
     """Samples with rests as one reading or none, at which gyro windows end, and with short gyro gaps bridged."""
-    samples = replace(samples, rate=gyro.bridged(samples.time, samples.rate)[0])
+    samples = replace(samples, rate=gyro.bridge_gaps(samples.time, samples.rate)[0])
     rests = Rests.of(samples)
     if not len(rests):
         return samples
-    once = rests.fitted(samples)
+    once = rests.average(samples)
     if once.rate is not None:
         once.rate[rests.last > rests.first] = np.nan
     return once
 
 
 class _Inputs(NamedTuple):
-    """Arguments of `solve`, except the gyro's scales."""
+    """Arguments of `fit_aided`, except the gyro's scales."""
 
     samples: Samples
     terms: tuple[str, ...]
@@ -290,9 +296,9 @@ class _Solution(NamedTuple):
     iterate: JointIterate
     late_s: float  # s: shift of the rate, in whole intervals
 
-    def compute_claims(self) -> Aided:
+    def compute_claims(self) -> AidedFit:
         """Correct the bias, and compute the claims."""
-        aided = _compute_claims(self.problem.freed(), self.iterate)
+        aided = _compute_claims(self.problem.free_accelerometer(), self.iterate)
         whole = replace(aided.parameters, delay=aided.parameters.delay + self.late_s)
         return replace(aided, parameters=whole)
 
@@ -301,33 +307,33 @@ def _accelerometer(samples: Samples, terms: Sequence[str], bias: float, gain: fl
     """Prior of the accelerometer's errors; None if it is not used or stated to be exact."""
     if "dip" not in terms or samples.acceleration is None or not bias:
         return None
-    return known_before(samples.acceleration, AccelerometerPrior.of(bias=bias, gain=gain))
+    return update_prior(samples.acceleration, AccelerometerPrior.of(bias=bias, gain=gain))
 
 
-def _solve_from_starts(put: _Inputs, gyro_scale: float, start: Ellipsoid | None, near: Aided | None) -> _Solution:
+def _solve_from_starts(put: _Inputs, gyro_scale: float, start: Ellipsoid | None, near: AidedFit | None) -> _Solution:
     """Solve from each start until the residuals of one are only noise.
 
-    Raises `TooFewSamples`, `NotAnEllipsoid` or `FitError` as `solve`.
+    Raises `TooFewSamples`, `NotAnEllipsoid` or `FitError` as `fit_aided`.
     """
     if len(put.samples) < MIN_READINGS:
         raise TooFewSamples(found=len(put.samples), needed=MIN_READINGS, method="aided")
     problem = put.problem(gyro_scale)
     _refuse_empty_column(problem, put.samples)
-    search_steps, steps = (SEARCH_STEPS, APPROACH_STEPS) if problem.is_long else (STEPS, STEPS)
-    alone = found_alone(put.samples.field) if start is None else None
+    search_steps, steps = (SEARCH_STEPS, APPROACH_STEPS) if problem.is_long else (MAX_STEPS, MAX_STEPS)
+    alone = fit_alone(put.samples.field) if start is None else None
     starts = [start] if start is not None else _start_ellipsoids(put.samples, put.site, alone)
     some = _search(
-        _search_problem(problem, alone).thinned(SEARCH_READINGS), _start_parameters(problem, starts, near), search_steps
+        _search_problem(problem, alone).thin(SEARCH_READINGS), _start_parameters(problem, starts, near), search_steps
     )
-    best = without_outliers(problem, initial(problem, some.at), steps)
+    best = fit_without_outliers(problem, start_iterate(problem, some.at), steps)
     late = _whole_intervals(best.at.delay, problem.interval)
     if not late or put.samples.rate is None:
         return _Solution(problem, best, 0.0)
     late_s = late * problem.interval
     behind = put._replace(samples=replace(put.samples, rate=_shift_rate(put.samples.rate, late))).problem(gyro_scale)
     at = replace(best.at, delay=best.at.delay - late_s)
-    begin = initial(behind, behind.begin_near(at, problem.layout))
-    return _Solution(behind, without_outliers(behind, begin, steps), late_s)
+    begin = start_iterate(behind, behind.begin_from(at, problem.layout))
+    return _Solution(behind, fit_without_outliers(behind, begin, steps), late_s)
 
 
 def _search(problem: JointProblem, begins: Iterable[Parameters], steps: int) -> JointIterate:
@@ -337,10 +343,10 @@ def _search(problem: JointProblem, begins: Iterable[Parameters], steps: int) -> 
     """
     best: JointIterate | None = None
     for begin in begins:
-        iterate = levenberg_marquardt(problem, initial(problem, begin), steps)
+        iterate = levenberg_marquardt(problem, start_iterate(problem, begin), steps)
         if best is None or deviance(problem, iterate) < deviance(problem, best):
             best = iterate
-        if not misfits(iterate):
+        if not has_misfit(iterate):
             break
     if best is None:
         raise NotAnEllipsoid((float("nan"),) * 3, "aided")
@@ -353,14 +359,16 @@ def _search_problem(problem: JointProblem, alone: Estimate | None) -> JointProbl
     The latter is used for a level turn with attitudes, which determine the direction at each reading.
     """
     if alone is None or not alone.plane or not alone.outliers or problem.aiding != ("attitude",):
-        return problem.robust()
-    return leaving_out(problem, alone.outliers)
+        return problem.make_robust()
+    return leave_out_runs(problem, alone.outliers)
 
 
-def _start_parameters(problem: JointProblem, starts: Iterable[Ellipsoid], near: Aided | None) -> Iterator[Parameters]:
+def _start_parameters(
+    problem: JointProblem, starts: Iterable[Ellipsoid], near: AidedFit | None
+) -> Iterator[Parameters]:
     """Yield parameters to start from: those of another fit, and from ellipsoids."""
     if near is not None:
-        yield problem.begin_near(near.parameters, near.layout)
+        yield problem.begin_from(near.parameters, near.layout)
     yield from map(problem.begin, starts)
 
 
@@ -368,7 +376,7 @@ def _start_ellipsoids(samples: Samples, site: Site | None, alone: Estimate | Non
     """Yield ellipsoids to start from: that of the magnetometer alone, and spheres about the readings."""
     if alone is not None and not alone.plane and not alone.unobserved:
         yield alone.ellipsoid
-    yield from spheres_about(samples.field, None if site is None else site.strength)
+    yield from start_spheres(samples.field, None if site is None else site.strength)
 
 
 def _refuse_empty_column(problem: JointProblem, samples: Samples) -> None:
@@ -402,7 +410,7 @@ def _shift_rate(rate: Floats, rows: int) -> Floats:
     return moved
 
 
-def refuse_without(samples: Samples, terms: Iterable[str]) -> None:
+def refuse_missing_columns(samples: Samples, terms: Iterable[str]) -> None:
     """Refuse unknown terms, and terms whose column is missing in the recording.
 
     Raises `UsageError`, which names the column.
@@ -417,22 +425,22 @@ def refuse_without(samples: Samples, terms: Iterable[str]) -> None:
                 )
 
 
-def _compute_claims(problem: JointProblem, iterate: JointIterate) -> Aided:
+def _compute_claims(problem: JointProblem, iterate: JointIterate) -> AidedFit:
     """Subtract the bias by the sphere's curvature, and compute the claims."""
-    steps = LONG_CORRECTION_STEPS if problem.is_long else CORRECTED
-    iterate, equations = _weight_verticals(problem, *bias_corrected(problem, iterate, steps=steps))
+    steps = LONG_CORRECTION_STEPS if problem.is_long else MAX_CORRECTION_STEPS
+    iterate, equations = _weight_verticals(problem, *correct_bias(problem, iterate, steps=steps))
     inverse = _inverse(equations)
-    walk = random_walk_of(problem, iterate, inverse)
+    walk = estimate_random_walk(problem, iterate, inverse)
     for _ in range(MAX_WALK_ESTIMATES):
         iterate = replace(iterate, weights=iterate.weights._replace(own=walk.own))
         if (problem.is_long and walk.variance == 0.0) or _next_step_length(equations, walk.bent) < MIN_WALK_STEP:
             break
-        iterate, equations = bias_corrected(problem, iterate, walk.bent)
+        iterate, equations = correct_bias(problem, iterate, walk.bent)
         inverse = _inverse(equations)
-        walk = random_walk_of(problem, iterate, inverse)
-    scatter = scatter_of(problem, iterate, walk)
+        walk = estimate_random_walk(problem, iterate, inverse)
+    scatter = gradient_scatter(problem, iterate, walk)
     believed = equations.prior.matrix
-    information = without(equations.matrix, spurious_information_of(problem, iterate), believed)
+    information = subtract_spurious(equations.matrix, joint_spurious_information(problem, iterate), believed)
     textbook = replace(equations.prior, matrix=information).inverse()
     covariance = textbook @ (believed + scatter.whole) @ textbook
     seen: Floats = np.ones(3)
@@ -440,7 +448,7 @@ def _compute_claims(problem: JointProblem, iterate: JointIterate) -> Aided:
         columns = problem.layout.columns["rotation"]
         seen = np.diag(textbook)[columns] / ROTATION_SIGMA**2
     outliers = np.sort(np.concatenate([group.rows[group.weight == 0.0] for group in iterate.groups]))
-    return Aided(
+    return AidedFit(
         iterate.at,
         covariance,
         textbook,
@@ -464,15 +472,15 @@ def _weight_verticals(
 ) -> tuple[JointIterate, Equations]:
     """Weight verticals by their correlation length, so that correlated ones do not outweigh the priors."""
     for _ in range(MAX_SPAN_ESTIMATES):
-        span = span_of(iterate)
+        span = vertical_correlation(iterate)
         is_same = abs(math.log(span.readings / iterate.weights.span)) < MAX_SPAN_CHANGE
-        if is_same and (not problem.is_long or _next_step_length(equations) < EASED):
+        if is_same and (not problem.is_long or _next_step_length(equations) < LAST_CORRECTION_SIGMAS):
             break
         if not is_same:
             iterate = replace(iterate, weights=iterate.weights._replace(span=span.readings))
-        iterate, equations = bias_corrected(problem, iterate)
+        iterate, equations = correct_bias(problem, iterate)
         if not is_same:
-            iterate = replace(iterate, weights=iterate.weights._replace(vertical=span_of(iterate).noise))
+            iterate = replace(iterate, weights=iterate.weights._replace(vertical=vertical_correlation(iterate).noise))
     return iterate, equations
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from flinders.errors import UsageError
 from flinders.estimators.base import Method
-from flinders.estimators.quadric_fit import Frame, claimed, least_squares
+from flinders.estimators.quadric_fit import Frame, least_squares, make_estimate
 from flinders.geometry.ellipsoid import Ellipsoid
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ class Algebraic:
         frame = Frame.of(readings, readings.summary.health.first, 50.0) if nxp else Frame.of(readings)
         by_trace = self.normalisation == "trace"
         coefficients = trace_fit(frame.scatter) if by_trace else np.linalg.eigh(frame.scatter)[1][:, 0]
-        return claimed(readings, frame.placed(coefficients, self.name), self.name)
+        return make_estimate(readings, frame.to_ellipsoid(coefficients, self.name), self.name)
 
 
 def trace_fit(scatter: Floats) -> Floats:

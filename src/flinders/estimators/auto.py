@@ -11,7 +11,7 @@ from flinders.core.samples import Samples
 from flinders.errors import FitError, NeedsSamples
 from flinders.estimators.base import Method, check_prior
 from flinders.estimators.data import Readings
-from flinders.estimators.likelihood import Likelihood, estimated, recorded
+from flinders.estimators.likelihood import Likelihood, estimate_from_record, fit_record
 from flinders.estimators.robust import Robust
 from flinders.likelihood import prior
 from flinders.native.engine import engine
@@ -57,7 +57,7 @@ class Auto:
     'robust'
     """
 
-    prior: float | None = prior.SPREAD
+    prior: float | None = prior.SOFT_IRON_SPREAD
     robust: bool = False
     dip_deg: float = 60.0
 
@@ -81,21 +81,21 @@ class Auto:
         """
         if readings.recording is None and not self.robust:
             return self._from_sums(readings)
-        readings = readings.fitted()
-        record = self.recorded(readings)
+        readings = readings.for_fit()
+        record = self.fit_record(readings)
         if not record["plane"]:
             method = Robust if self.robust else Likelihood
             readings.require(method.unknowns, method.name)
-        return estimated(record, readings, has_statistics=True)
+        return estimate_from_record(record, readings, has_statistics=True)
 
-    def recorded(self, readings: Readings, *, statistics: int = 1) -> Records:
+    def fit_record(self, readings: Readings, *, statistics: int = 1) -> Records:
         """Record of the engine for the fit of `estimate`, of readings in memory."""
         robust, level = 2 if self.robust else 1, level_option(readings)
-        return recorded(readings, self.prior, robust=robust, level=level, dip_deg=self.dip_deg, statistics=statistics)
+        return fit_record(readings, self.prior, robust=robust, level=level, dip_deg=self.dip_deg, statistics=statistics)
 
     def _from_sums(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid to the sums alone."""
-        if self.prior not in (None, prior.SPREAD):
+        if self.prior not in (None, prior.SOFT_IRON_SPREAD):
             raise NeedsSamples(f"{self.name} with a prior of {self.prior:g}")
         from flinders.estimators.consistent import Consistent
 
@@ -110,7 +110,7 @@ def level_option(readings: Readings) -> int:
     return engine().levelness(recording.acceleration)
 
 
-def found_alone(field: Floats) -> Estimate | None:
+def fit_alone(field: Floats) -> Estimate | None:
     """Estimate of `Auto` from (N, 3) readings of one sensor, without NaN; None if the fit fails."""
     try:
         return Auto().estimate(Readings.of(field[np.isfinite(field).all(axis=1)]))

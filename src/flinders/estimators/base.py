@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, ClassVar, Final, Literal, NamedTuple, Protocol
 import numpy as np
 
 from flinders.errors import UsageError
-from flinders.likelihood.prior import SPREAD
+from flinders.likelihood.prior import SOFT_IRON_SPREAD
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from flinders.geometry.plane import Plane
 
 
-OF_SITE: Final = ("dip_deg", "field_strength")
+SITE_OPTIONS: Final = ("dip_deg", "field_strength")
 """Options of methods that `flinders.fit` sets from the site."""
 
 
@@ -48,7 +48,7 @@ class Correlation:
         """Whether the residuals are independent."""
         return self.time == 1.0 and self.direction == 0.0 and self.excess_variance == 1.0
 
-    def effective(self, count: float) -> float:
+    def independent_count(self, count: float) -> float:
         """Number of independent readings that are equivalent to `count` readings."""
         return count / (self.time * self.excess_variance)
 
@@ -108,7 +108,7 @@ class Estimate:
 def check_prior(spread: object) -> None:
     """Check the spread of a prior, a positive number or None for no prior; raises UsageError."""
     if spread is not None and not (isinstance(spread, int | float) and 0.0 < spread < np.inf):
-        raise UsageError(f"prior is {spread!r}: need a positive number such as {SPREAD:g}, or None")
+        raise UsageError(f"prior is {spread!r}: need a positive number such as {SOFT_IRON_SPREAD:g}, or None")
 
 
 class Estimator(Protocol):

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flinders.core.disturbance import is_column
-from flinders.core.named_columns import are_words, coded, states_of
-from flinders.core.samples import Recording, Wrapped
+from flinders.core.named_columns import are_words, numbers_of, states_of
+from flinders.core.samples import Recording, RecordingWrapper
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Coded(Wrapped):
+class NumericStates(RecordingWrapper):
     """A recording whose words of states are converted to 0 and 1."""
 
     recording: Recording
@@ -29,23 +29,23 @@ class Coded(Wrapped):
     def blocks(self) -> Iterator[Samples]:
         """Yield converted blocks."""
         for block in self.recording.blocks():
-            yield in_numbers(block, self.states)
+            yield convert_states(block, self.states)
 
 
-def in_numbers(samples: Samples, states: Mapping[str, tuple[str, ...]]) -> Samples:
+def convert_states(samples: Samples, states: Mapping[str, tuple[str, ...]]) -> Samples:
     """Convert the words of states to 0 and 1.
 
     >>> from flinders.core.samples import Samples
     >>> parked = Samples.of([[1, 2, 3], [1, 2, 4]], auxiliary={"charger": ["idle", "charging"]})
-    >>> in_numbers(parked, states_in([parked], ["charger"])).auxiliary
+    >>> convert_states(parked, column_states([parked], ["charger"])).auxiliary
     {'charger': array([0., 1.])}
     """
     there = {name: words for name, words in states.items() if name in samples.auxiliary}
-    numbers = {name: coded(samples.auxiliary[name], words, name) for name, words in there.items()}
+    numbers = {name: numbers_of(samples.auxiliary[name], words, name) for name, words in there.items()}
     return replace(samples, auxiliary={**samples.auxiliary, **numbers})
 
 
-def states_in(recordings: Sequence[Recording], names: Sequence[str]) -> dict[str, tuple[str, ...]]:
+def column_states(recordings: Sequence[Recording], names: Sequence[str]) -> dict[str, tuple[str, ...]]:
     """The two words of each column of states among `names`, over all recordings.
 
     Raises `InputError` for a column of words whose number of different words is not two.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar, Final
 from flinders.errors import NotAnEllipsoid
 from flinders.estimators.base import Estimate, Method
 from flinders.estimators.covariance import algebraic_covariance
-from flinders.geometry.ellipsoid import Ellipsoid, symmetric
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric_matrix
 from flinders.native.engine import engine
 
 if TYPE_CHECKING:
@@ -58,12 +58,12 @@ class Consistent:
         quadric is open.
         """
         readings.require(self.unknowns, self.name)
-        ellipsoid, noise = adjusted(readings)
+        ellipsoid, noise = fit_adjusted(readings)
         sigma = noise * math.sqrt(len(readings) / max(len(readings) - METHOD.parameters, 1))
         return Estimate(ellipsoid, algebraic_covariance(readings, ellipsoid, sigma), noise, self.name)
 
 
-def adjusted(readings: Readings) -> tuple[Ellipsoid, float]:
+def fit_adjusted(readings: Readings) -> tuple[Ellipsoid, float]:
     """Ellipsoid and noise, in the unit of the readings, by adjusted least squares.
 
     Raises `NotAnEllipsoid` if the quadric is open.
@@ -72,7 +72,7 @@ def adjusted(readings: Readings) -> tuple[Ellipsoid, float]:
     record = engine().solve(moments.sums, unit=moments.unit)
     if record["status"]:
         raise NotAnEllipsoid(method=Consistent.name)
-    return Ellipsoid(record["centre"].copy(), symmetric(record["shape"])), float(record["noise"])
+    return Ellipsoid(record["centre"].copy(), symmetric_matrix(record["shape"])), float(record["noise"])
 
 
 METHOD: Final = Method(

@@ -18,7 +18,7 @@ A slow drift over minutes that is smaller than the noise of a single reading has
 can change a fit more than the noise does. It is detected by dividing the recording into a few blocks: their gradients
 Σ J s are then larger than B allows, and B is multiplied by the excess.
 
-Residuals below `FINEST`, a millionth of the field, are rounding, of exact readings or of readings in single precision.
+Residuals below `MIN_NOISE`, a millionth of the field, are rounding, of exact readings or of readings in single precision.
 They depend on the arithmetic instead of the sensor, and are treated as white. The covariance claims at least this
 noise, so that rounding does not reduce it.
 
@@ -39,10 +39,10 @@ import numpy as np
 from flinders.errors import NotAnEllipsoid
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import magnitude
-from flinders.likelihood.equations import FINEST, ROUNDING
+from flinders.likelihood.equations import MIN_EIGENVALUE_RATIO, MIN_NOISE
 from flinders.likelihood.identifiability import Support, spurious_information
-from flinders.summary.coverage import directions_of
-from flinders.summary.pooling import DEPENDENT, chance_of
+from flinders.summary.coverage import corrected_directions
+from flinders.summary.pooling import MIN_EIGENVALUE_SHARE, p_value_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -50,13 +50,13 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.estimators.data import Readings
 
-EVERYTHING: Final = np.eye(9)
+FULL_BASIS: Final = np.eye(9)
 """Basis of the parameters of a fit without constraints."""
 
-AXES_ALIGNED: Final = np.eye(9)[:, :6]
+ALIGNED_BASIS: Final = np.eye(9)[:, :6]
 """Basis of the parameters of a fit with a diagonal shape."""
 
-SPHERICAL: Final = np.concatenate([np.eye(9)[:, :3], np.eye(9)[:, 3:6].sum(axis=1, keepdims=True)], axis=1)
+SPHERE_BASIS: Final = np.concatenate([np.eye(9)[:, :3], np.eye(9)[:, 3:6].sum(axis=1, keepdims=True)], axis=1)
 """Basis of the parameters of a fit whose shape is a multiple of the identity."""
 
 
@@ -80,7 +80,7 @@ def algebraic_noise(readings: Readings, ellipsoid: Ellipsoid, unknowns: int) -> 
     return scale * float(np.sqrt(square))
 
 
-def algebraic_covariance(readings: Readings, ellipsoid: Ellipsoid, noise: float, basis: Floats = EVERYTHING) -> Floats:
+def algebraic_covariance(readings: Readings, ellipsoid: Ellipsoid, noise: float, basis: Floats = FULL_BASIS) -> Floats:
     """(9, 9) covariance of a fit that minimises Σ q(x)², with any normalisation.
 
     q = |∇q| s, so to first order such a fit is a least-squares fit of the distances s with weights
@@ -91,9 +91,9 @@ def algebraic_covariance(readings: Readings, ellipsoid: Ellipsoid, noise: float,
     `noise`: in the unit of the readings; `basis`: (9, k) basis of the parameters of the method.
     """
     cloud = readings.summary.cloud
-    directions = directions_of(cloud.means, ellipsoid)
+    directions = corrected_directions(cloud.means, ellipsoid)
     jacobian = magnitude.information(directions, ellipsoid) @ basis
-    variance = max(noise, FINEST * ellipsoid.radius) ** 2
+    variance = max(noise, MIN_NOISE * ellipsoid.radius) ** 2
     counted = jacobian.T * cloud.counts
     support = Support.of(
         counted @ jacobian / variance,
@@ -110,7 +110,7 @@ def algebraic_covariance(readings: Readings, ellipsoid: Ellipsoid, noise: float,
     return covariance
 
 
-def beyond_chance(difference: Floats, covariance: Floats) -> Floats:
+def unexplained_part(difference: Floats, covariance: Floats) -> Floats:
     """(P,) part of a difference d of two estimates that its covariance C does not explain.
 
     By chance alone χ² = dᵀC⁻¹d has the mean P. The result is d √max(0, 1 − P/χ²), as in James–Stein shrinkage.
@@ -130,14 +130,14 @@ MIN_PAIR_SHARE: Final = 0.75
 MIN_CORRELATION_ERRORS: Final = 2.0
 """Smallest significant correlation in standard errors."""
 
-BLOCKS: Final = 8
+BLOCK_COUNT: Final = 8
 """Blocks of a recording, also merged to four, that show slow drifts."""
 
-BY_CHANCE: Final = 0.02
+DRIFT_PROBABILITY: Final = 0.02
 """Largest probability by chance of a slow drift that is taken as real."""
 
 
-def time_of(autocovariance: Floats) -> float:
+def correlation_length(autocovariance: Floats) -> float:
     """Correlation length 1 + 2 Σ C(k)/C(0), the number of readings per independent reading."""
     return 1.0 + 2.0 * float(autocovariance[1:].sum()) / max(float(autocovariance[0]), 1e-300)
 
@@ -201,7 +201,7 @@ class Residuals:
         """
         values, vectors = _principal_axes(scatter)
         rows = self.jacobian @ (vectors / np.sqrt(values))  # in which B is the unit matrix
-        blocks = np.array_split(np.arange(len(rows)), BLOCKS)
+        blocks = np.array_split(np.arange(len(rows)), BLOCK_COUNT)
         gradients = np.stack([self.distances[block] @ rows[block] for block in blocks])
         squares = np.stack([rows[block].T @ rows[block] for block in blocks])
         inverse = np.linalg.inv(squares.sum(axis=0))
@@ -226,7 +226,7 @@ def largest_excess(gradients: Floats, squares: Floats, inverse: Floats) -> float
         taken = float(np.sum(shares * np.swapaxes(shares, 1, 2)))
         observed, expected = float(np.sum(gradients**2)), gradients.shape[1] - taken
         freedom = max(round(expected**2 / taken), 1)
-        if expected > 0.0 and chance_of(observed * expected / taken, freedom) < BY_CHANCE:
+        if expected > 0.0 and p_value_of(observed * expected / taken, freedom) < DRIFT_PROBABILITY:
             largest = max(largest, observed / expected)
         gradients, squares = gradients[::2] + gradients[1::2], squares[::2] + squares[1::2]
     return largest
@@ -250,10 +250,10 @@ def _raise_eigenvalues(scatter: Floats, white: Floats) -> Floats:
 def _principal_axes(matrix: Floats) -> tuple[Floats, Floats]:
     """(k,) values and (9, k) V with VᵀMV = diag(values) for a symmetric M, without directions of rounding."""
     diagonal = np.diag(matrix)
-    observed = diagonal > ROUNDING * float(diagonal.max())
+    observed = diagonal > MIN_EIGENVALUE_RATIO * float(diagonal.max())
     scale = np.sqrt(np.where(observed, diagonal, 1.0))
     values, vectors = np.linalg.eigh(np.where(np.outer(observed, observed), matrix, 0.0) / np.outer(scale, scale))
-    independent = values > DEPENDENT * values[-1]
+    independent = values > MIN_EIGENVALUE_SHARE * values[-1]
     return values[independent], vectors[:, independent] / scale[:, np.newaxis]
 
 

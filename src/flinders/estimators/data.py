@@ -23,7 +23,7 @@ Saturated readings give only a limit of the field, and are not used:
 
 >>> from flinders.summary.quality import Rail
 >>> samples = Samples(np.array([[50.0, 0, 0], [40.0, 9, 0], [50.0, 3, 2]]))
->>> [block.field.tolist() for block in WithinRange(samples, (Rail(0, "highest", 50.0, 0.66),)).blocks()]
+>>> [block.field.tolist() for block in UnsaturatedRecording(samples, (Rail(0, "highest", 50.0, 0.66),)).blocks()]
 [[[40.0, 9.0, 0.0]]]
 """
 
@@ -40,12 +40,12 @@ from typing import TYPE_CHECKING, Any, Final, Self, TypeGuard, cast
 import numpy as np
 
 from flinders.core.axes import Axes
-from flinders.core.joining import Joined, concatenated, singles
-from flinders.core.samples import Recording, Samples, Wrapped
+from flinders.core.joining import Joined, concatenate, single_recordings
+from flinders.core.samples import Recording, RecordingWrapper, Samples
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import NeedsSamples, OutOfScale, StuckAxis, TooFewSamples, Unmoved, UsageError
 from flinders.estimators.rests import Rests
-from flinders.geometry.plane import order_of
+from flinders.geometry.plane import axis_order
 from flinders.likelihood import magnitude
 from flinders.summary.quality import DataQuality
 from flinders.summary.summary import Summary
@@ -63,7 +63,7 @@ if TYPE_CHECKING:
     from flinders.summary.quality import Rail
     from flinders.summary.summary import Statistics
 
-HELD: Final = 500_000
+MAX_HELD_READINGS: Final = 500_000
 """Largest number of readings that are held in memory, 16 MB with times, 76 MB with all columns.
 
 A longer recording is read again in each pass, and fits use every second, third … reading."""
@@ -83,9 +83,9 @@ def join_with_parts(recordings: Sequence[Recording]) -> tuple[Recording, Sequenc
     """
     joined = Joined(tuple(recordings))
     in_memory = [recording for recording in recordings if isinstance(recording, Samples)]
-    if len(in_memory) < len(recordings) or sum(map(len, in_memory)) > HELD:
+    if len(in_memory) < len(recordings) or sum(map(len, in_memory)) > MAX_HELD_READINGS:
         return joined, recordings
-    whole = concatenated(in_memory, joined)
+    whole = concatenate(in_memory, joined)
     ends = np.cumsum([len(part) for part in in_memory])
     return whole, [
         replace(part, field=whole.field[end - len(part) : end]) for part, end in zip(in_memory, ends, strict=True)
@@ -93,7 +93,7 @@ def join_with_parts(recordings: Sequence[Recording]) -> tuple[Recording, Sequenc
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Inliers(Wrapped):
+class Inliers(RecordingWrapper):
     """A recording without the readings that are far from a surface."""
 
     recording: Recording
@@ -108,7 +108,7 @@ class Inliers(Wrapped):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class WithinRange(Wrapped):
+class UnsaturatedRecording(RecordingWrapper):
     """A recording without saturated readings."""
 
     recording: Recording
@@ -124,7 +124,7 @@ class WithinRange(Wrapped):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PlanarRecording(Wrapped):
+class PlanarRecording(RecordingWrapper):
     """A recording projected to a plane: x and y are the axes of the plane, z is constant."""
 
     recording: Recording
@@ -133,26 +133,26 @@ class PlanarRecording(Wrapped):
 
     def blocks(self) -> Iterator[Samples]:
         """Yield projected blocks."""
-        first, second, _ = order_of(self.plane)
+        first, second, _ = axis_order(self.plane)
         for block in self.recording.blocks():
             field = np.full_like(block.field, self.height)
             field[:, 0], field[:, 1] = block.field[:, first], block.field[:, second]
             yield replace(block, field=field)
 
 
-def laid_flat(readings: Readings, plane: Plane, height: float = 0.0) -> Readings:
+def project_to_plane(readings: Readings, plane: Plane, height: float = 0.0) -> Readings:
     """Readings projected to a plane at a constant height; their summary stays that of all readings."""
-    return readings.through(lambda recording: PlanarRecording(recording, plane, height))
+    return readings.wrap(lambda recording: PlanarRecording(recording, plane, height))
 
 
-def within_range(readings: Readings) -> Readings:
+def remove_saturated(readings: Readings) -> Readings:
     """Readings without saturated ones; their summary stays that of all readings."""
     rails = readings.summary.health.rails
-    return readings.through(lambda recording: WithinRange(recording, rails)) if rails else readings
+    return readings.wrap(lambda recording: UnsaturatedRecording(recording, rails)) if rails else readings
 
 
 @dataclass(slots=True, eq=False)
-class CountedRecording(Wrapped):
+class CountedRecording(RecordingWrapper):
     """A recording that counts its readings in each pass, and stores their earliest and latest time.
 
     >>> counted = CountedRecording(Samples.of([[1, 2, 3], [3, 2, 1]], time=[5.0, 4.0]))
@@ -183,10 +183,10 @@ class CountedRecording(Wrapped):
             yield block
 
 
-SMALLEST, LARGEST = 1e-12, 1e15
+MIN_READING, MAX_READING = 1e-12, 1e15
 """Range of readings, in any unit, whose fourth powers and their inverses are finite."""
 
-FARTHEST: Final = 1000.0
+MAX_OFFSET_SPREADS: Final = 1000.0
 """Largest ratio of the offset to the spread of the readings; a stronger magnet saturates any sensor."""
 
 
@@ -213,28 +213,28 @@ class Readings:
             return cls(source)
         recording = source if is_recording(source) else Samples.of(cast("ArrayLike", source))
         parts: list[Self] = []
-        room = HELD
-        for single in singles(recording):
+        room = MAX_HELD_READINGS
+        for single in single_recordings(recording):
             part = cls._of_one(single, room)
             parts.append(part)
             room -= len(part) if isinstance(part.recording, Samples) else 0
         if len(parts) == 1:
             return parts[0]
-        return cls._of_parts(reduce(Summary.combined, [part.summary for part in parts]), parts)
+        return cls._of_parts(reduce(Summary.merge, [part.summary for part in parts]), parts)
 
     @classmethod
     def _of_one(cls, recording: Recording, room: int) -> Self:
         """Summarise one recording, and hold it in memory if it has at most `room` readings."""
         if isinstance(recording, Samples):
-            return cls(Summary.deferred(recording), recording)
+            return cls(Summary.lazy(recording), recording)
         blocks, begun, rows = recording.blocks(), deque[Samples](), 0
         for block in blocks:
             begun.append(block)
             rows += len(block)
             if rows > room:
-                return cls(Summary.over(chain(_release_blocks(begun), blocks)), recording)
-        whole = concatenated(begun, recording)
-        return cls(Summary.deferred(whole), whole)
+                return cls(Summary.of_blocks(chain(_release_blocks(begun), blocks)), recording)
+        whole = concatenate(begun, recording)
+        return cls(Summary.lazy(whole), whole)
 
     @classmethod
     def _of_parts(cls, summary: Summary, parts: Sequence[Readings]) -> Self:
@@ -258,7 +258,7 @@ class Readings:
         for block in self.recording.blocks():
             yield block.field
 
-    def thinned(self, limit: int, method: str = "") -> Floats:
+    def thin(self, limit: int, method: str = "") -> Floats:
         """(M, 3) readings, at most about `limit`, spread evenly over the recording."""
         stride = max(1, -(-len(self) // limit))
         if isinstance(self.recording, Samples):
@@ -269,22 +269,22 @@ class Readings:
             seen += len(block)
         return thinned[: -(-seen // stride)]  # a recording without its outliers has fewer than its sums
 
-    def in_memory(self, method: str = "") -> tuple[Floats, NDArray[np.int64] | None]:
+    def as_array(self, method: str = "") -> tuple[Floats, NDArray[np.int64] | None]:
         """(N, 3) readings, thinned if too many, and the row after the end of each of several recordings."""
         if not isinstance(self.recording, Samples):
-            return self.thinned(HELD, method), None
+            return self.thin(MAX_HELD_READINGS, method), None
         ends = np.cumsum([len(part) for part in self.parts]) if self.parts else None
         return self.recording.field, ends
 
-    def fitted(self) -> Readings:
+    def for_fit(self) -> Readings:
         """Readings for a fit, with each rest replaced by one reading or none; unchanged if not in memory."""
         if self.rests is not None or not isinstance(self.recording, Samples):
             return self
-        ends = self.in_memory()[1]
+        ends = self.as_array()[1]
         rests = Rests.of(self.recording, ends)
         if not len(rests):
             return self
-        once = rests.fitted(self.recording)
+        once = rests.average(self.recording)
         seen = Summary.of(once)
         parts: tuple[Readings, ...] = ()
         if ends is not None:
@@ -298,7 +298,7 @@ class Readings:
         return replace(self, summary=summary, recording=once, parts=parts, whole=self, rests=rests)
 
     @property
-    def as_read(self) -> Readings:
+    def all_readings(self) -> Readings:
         """All readings, including those at rest."""
         return self.whole or self
 
@@ -321,29 +321,29 @@ class Readings:
         )
 
     @property
-    def each(self) -> tuple[Readings, ...]:
+    def single_recordings(self) -> tuple[Readings, ...]:
         """The single recordings: the parts, or this one."""
         return self.parts or (self,)
 
-    def near(self, ellipsoid: Ellipsoid, limit: float) -> Self:
+    def inliers(self, ellipsoid: Ellipsoid, limit: float) -> Self:
         """Readings within `limit` of a surface; their summary stays that of all readings."""
-        return self if np.isinf(limit) else self.through(lambda recording: Inliers(recording, ellipsoid, limit))
+        return self if np.isinf(limit) else self.wrap(lambda recording: Inliers(recording, ellipsoid, limit))
 
-    def through(self, wrapped: Callable[[Recording], Recording]) -> Self:
+    def wrap(self, wrapped: Callable[[Recording], Recording]) -> Self:
         """Wrap each recording by a function; held in memory if the readings are. The summary stays unchanged."""
         if self.recording is None:
             return self
         if self.parts:
-            parts = [part.through(wrapped) for part in self.parts]
+            parts = [part.wrap(wrapped) for part in self.parts]
             return replace(self._of_parts(self.summary, parts), whole=self.whole, rests=self.rests)
         other = wrapped(self.recording)
         is_held = isinstance(self.recording, Samples)
-        return replace(self, recording=concatenated(list(other.blocks()), other) if is_held else other)
+        return replace(self, recording=concatenate(list(other.blocks()), other) if is_held else other)
 
     @property
     def are_in_scale(self) -> bool:
         """Whether the largest reading is in a range in which fits can be computed, in any unit."""
-        return SMALLEST < self.summary.moments.unit < LARGEST
+        return MIN_READING < self.summary.moments.unit < MAX_READING
 
     def require(self, unknowns: int, method: str, *, axes: str = "xyz") -> None:
         """Refuse readings that no method can fit; `axes` are the axes that must change.
@@ -366,7 +366,7 @@ class Readings:
         if health.distinct < unknowns:
             raise TooFewSamples(found=health.distinct, among=len(self), needed=unknowns, method=method, how=how)
         spread, size = self.summary.moments.spread, float(np.linalg.norm(self.summary.moments.mean))
-        if size > FARTHEST * spread:
+        if size > MAX_OFFSET_SPREADS * spread:
             raise Unmoved(math.degrees(float(np.linalg.norm(health.extent)) / size), how)
 
 

@@ -34,11 +34,11 @@ from typing import TYPE_CHECKING, Final, cast
 import numpy as np
 
 from flinders.core.calibration import Calibration
-from flinders.core.compensation import compensated
-from flinders.core.disturbance import Disturbance, motor
-from flinders.core.joining import singles
+from flinders.core.compensation import compensate_recording
+from flinders.core.disturbance import Disturbance, kind_and_motor
+from flinders.core.joining import single_recordings
 from flinders.errors import NotTurned, UsageError
-from flinders.estimators.disturbance_problem import DisturbanceProblem, settle
+from flinders.estimators.disturbance_problem import DisturbanceProblem, solve_disturbances
 from flinders.estimators.regressor_quality import (
     RegressorError,
     attenuation,
@@ -46,14 +46,14 @@ from flinders.estimators.regressor_quality import (
     curvature,
     monotonicity,
     noise_of,
-    pooled,
-    rounding,
-    shared,
-    widened,
+    pool_noise,
+    rounding_variance,
+    shared_information,
+    widen_covariance,
 )
-from flinders.estimators.regressors import DisturbanceEstimate, Logged
-from flinders.estimators.static_bench import still
-from flinders.estimators.time_delay import lagging, lags_of, proven_lags, residuals_of
+from flinders.estimators.regressors import DisturbanceEstimate, LoggedDisturbances
+from flinders.estimators.static_bench import fit_still
+from flinders.estimators.time_delay import estimate_lags, lag_groups, significant_lags, solution_residuals
 from flinders.heading.error_propagation import HeadingError, level_error
 from flinders.likelihood import prior
 from flinders.likelihood.equations import NormalEquations
@@ -65,7 +65,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Recording
-    from flinders.estimators.disturbance_problem import Solved
+    from flinders.estimators.disturbance_problem import DisturbanceSolution
     from flinders.estimators.regressor_quality import Noise
     from flinders.estimators.time_delay import Lag
     from flinders.geometry.ellipsoid import Ellipsoid
@@ -111,12 +111,12 @@ class DisturbanceFit:
         worded = tuple(replace(estimate, disturbance=one) for estimate, one in estimates)
         return replace(self, disturbances=disturbances, estimates=worded)
 
-    def widened(self, covariance: Floats) -> Floats:
+    def widen(self, covariance: Floats) -> Floats:
         """(9, 9) covariance of offset and shape at the references, from that for known disturbances."""
         wider: Floats = covariance + self.leaning + self.carried @ self.covariance @ self.carried.T
         return wider
 
-    def joint(self, covariance: Floats) -> Floats:
+    def joint_covariance(self, covariance: Floats) -> Floats:
         """(9 + K, 9 + K) covariance of offset, shape and disturbances, from the widened one of offset and shape."""
         across = self.carried @ self.covariance
         return np.block([[covariance, across], [across.T, self.covariance]])
@@ -125,7 +125,7 @@ class DisturbanceFit:
         """(9, 9) covariance of offset and shape at the far end of the range of one disturbance."""
         disturbance = self.disturbances[place]
         carried = self.carried.copy()
-        away = (disturbance.farthest - disturbance.reference) * self.along[place]
+        away = (disturbance.extreme_value - disturbance.reference) * self.along[place]
         carried[:3, : 3 * len(away)] += np.kron(away, np.eye(3))
         wider: Floats = covariance + carried @ self.covariance @ carried.T
         return wider
@@ -138,7 +138,7 @@ class DisturbanceFit:
 
 
 def fit_disturbances(
-    recordings: Sequence[Recording], names: Sequence[str], *, spread: float | None = prior.SPREAD
+    recordings: Sequence[Recording], names: Sequence[str], *, spread: float | None = prior.SOFT_IRON_SPREAD
 ) -> DisturbanceFit:
     """Estimate disturbances of the offset.
 
@@ -155,23 +155,27 @@ def fit_disturbances(
     spread : float, optional
         Spread of the prior of the shape, see `flinders.likelihood.prior`; None for the default, which the solver needs.
     """
-    logged = Logged.of(recordings, tuple(names))
+    logged = LoggedDisturbances.of(recordings, tuple(names))
     moving, constant = logged.split()
-    prior_spread = prior.SPREAD if spread is None else spread
-    without = settle(DisturbanceProblem(logged, (), prior_spread, {}))
+    prior_spread = prior.SOFT_IRON_SPREAD if spread is None else spread
+    without = solve_disturbances(DisturbanceProblem(logged, (), prior_spread, {}))
     if not moving:
         nothing = np.zeros((0, 0)), np.zeros((9, 0))
         return DisturbanceFit((), *nothing, without.at.ellipsoid, without.noise, without.noise, (), constant)
-    lags, near = lags_of(logged, moving, prior_spread)
-    problem = DisturbanceProblem(logged, moving, prior_spread, proven_lags(lags))
-    return _make_fit(problem, settle(problem, near), lags, without, constant)
+    lags, near = estimate_lags(logged, moving, prior_spread)
+    problem = DisturbanceProblem(logged, moving, prior_spread, significant_lags(lags))
+    return _make_fit(problem, solve_disturbances(problem, near), lags, without, constant)
 
 
 def _make_fit(
-    problem: DisturbanceProblem, solved: Solved, lags: dict[str, Lag], without: Solved, constant: tuple[str, ...]
+    problem: DisturbanceProblem,
+    solved: DisturbanceSolution,
+    lags: dict[str, Lag],
+    without: DisturbanceSolution,
+    constant: tuple[str, ...],
 ) -> DisturbanceFit:
     """Make the result, with a covariance by the residuals."""
-    residuals = residuals_of(solved)
+    residuals = solution_residuals(solved)
     believed = problem.prior_matrix(solved.at)
     matrix = residuals.jacobian.T @ residuals.jacobian / solved.noise**2 + believed
     inverse = NormalEquations(matrix, np.zeros(len(matrix)), 0.0, 0).inverse()
@@ -193,7 +197,7 @@ def _make_fit(
     )
 
 
-def _leverage_covariance(solved: Solved, matrix: Floats) -> Floats:
+def _leverage_covariance(solved: DisturbanceSolution, matrix: Floats) -> Floats:
     """(9, 9) covariance of offset and shape, for known disturbances, by readings of high leverage.
 
     A reading of leverage h pulls the surface to itself; its error is estimated from its distance s as s/(1 − h). The
@@ -211,7 +215,9 @@ def _leverage_covariance(solved: Solved, matrix: Floats) -> Floats:
     return sensitivity
 
 
-def _add_meter_errors(problem: DisturbanceProblem, solved: Solved, covariance: Floats, inverse: Floats) -> Floats:
+def _add_meter_errors(
+    problem: DisturbanceProblem, solved: DisturbanceSolution, covariance: Floats, inverse: Floats
+) -> Floats:
     """(9 + K, 9 + K) covariance with the effect of noise and rounding of the meters.
 
     A rounding error is constant while the meter shows one value, so it also has a common effect on these readings.
@@ -223,7 +229,7 @@ def _add_meter_errors(problem: DisturbanceProblem, solved: Solved, covariance: F
     noises = _meter_noises(problem, solved)
     meters, pulled = [], np.zeros_like(inverse)
     for place, name in enumerate(problem.names):
-        rounded, setting = rounding(problem.logged.values[name], name)
+        rounded, setting = rounding_variance(problem.logged.values[name], name)
         root = np.zeros((len(inverse), 3))
         root[9 + 3 * place : 12 + 3 * place] = per_variance
         meters.append(RegressorError(noises[name], rounded, root))
@@ -233,17 +239,17 @@ def _add_meter_errors(problem: DisturbanceProblem, solved: Solved, covariance: F
         pulled += rounded * moved.T @ moved
     coefficients = np.zeros(len(inverse))  # 0 for the growth of the scale, which has no column of its own
     coefficients[9 : 9 + 3 * len(problem.names)] = solved.at.disturbances.ravel()
-    return widened(covariance, inverse, coefficients, meters) + pulled
+    return widen_covariance(covariance, inverse, coefficients, meters) + pulled
 
 
-def _meter_noises(problem: DisturbanceProblem, solved: Solved) -> dict[str, Noise]:
+def _meter_noises(problem: DisturbanceProblem, solved: DisturbanceSolution) -> dict[str, Noise]:
     """Noise of each meter; meters of single motors have a common noise."""
     used, departures, noises = solved.used, problem.departures, {}
     for place, name in enumerate(problem.names):
         sensitivity = solved.jacobian[used, :3] @ solved.at.disturbances[place]
         noises[name] = noise_of(departures[used, place], solved.distances[used], sensitivity)
-    for late in lagging(problem.names):
-        noises |= zip(late, pooled([noises[name] for name in late]), strict=True)
+    for late in lag_groups(problem.names):
+        noises |= zip(late, pool_noise([noises[name] for name in late]), strict=True)
     return noises
 
 
@@ -252,12 +258,12 @@ def _motor_slopes(problem: DisturbanceProblem) -> Floats:
     departures = problem.departures
     products = departures.T @ departures
     slopes = products / np.diag(products)[:, np.newaxis]
-    family = [motor(name) for name in problem.names]
+    family = [kind_and_motor(name) for name in problem.names]
     is_related = [[one[0] == other[0] and bool(one[1] and other[1]) for other in family] for one in family]
     return np.where(np.array(is_related) | np.eye(len(family), dtype=bool), slopes, 0.0)
 
 
-def _disturbances(problem: DisturbanceProblem, solved: Solved) -> tuple[Disturbance, ...]:
+def _disturbances(problem: DisturbanceProblem, solved: DisturbanceSolution) -> tuple[Disturbance, ...]:
     """Disturbances of a solution."""
     return tuple(
         Disturbance(
@@ -273,7 +279,11 @@ def _disturbances(problem: DisturbanceProblem, solved: Solved) -> tuple[Disturba
 
 
 def _estimate(
-    problem: DisturbanceProblem, solved: Solved, covariances: tuple[Floats, Floats], found: Disturbance, lag: Lag | None
+    problem: DisturbanceProblem,
+    solved: DisturbanceSolution,
+    covariances: tuple[Floats, Floats],
+    found: Disturbance,
+    lag: Lag | None,
 ) -> DisturbanceEstimate:
     """Statistics of one disturbance; `covariances`: (9 + K, 9 + K) for white noise, and as claimed."""
     inverse, claimed = covariances
@@ -289,13 +299,13 @@ def _estimate(
     return DisturbanceEstimate(
         found.name,
         found,
-        attitude_collinearity=shared(solved.jacobian[used, :9], coefficients),
+        attitude_collinearity=shared_information(solved.jacobian[used, :9], coefficients),
         monotonicity=monotonicity(values),
         attenuation=attenuation(values, solved.distances[used], normals @ found.per_unit),
         lag_sigma_s=np.nan if lag is None else lag.used_sigma_s,
         chi_square=chi_square,
         is_lag_at_limit=lag is not None and lag.is_beyond,
-        curvature=curvature(values, residuals_of(solved), normals, found.per_unit),
+        curvature=curvature(values, solution_residuals(solved), normals, found.per_unit),
         collinearity=collinearity(values, np.delete(problem.departures[used], place, axis=1)),
         explained_share=share,
         explained_share_sigma=2.0 * share * (1.0 - share) * sigma / max(size, np.finfo(float).tiny),
@@ -304,26 +314,26 @@ def _estimate(
     )
 
 
-def _rms_over(solved: Solved, used: NDArray[np.bool_]) -> float:
+def _rms_over(solved: DisturbanceSolution, used: NDArray[np.bool_]) -> float:
     """Root mean square distance of a solution over the readings that another solution used."""
     return float(np.sqrt(np.mean(solved.distances[used] ** 2)))
 
 
-def with_disturbances(
+def fit_and_compensate(
     source: object, names: Sequence[str], *, spread: float | None
 ) -> tuple[DisturbanceFit, Recording]:
     """Estimate the disturbances of a recording, and compensate it; the result can be fitted like any recording.
 
     Raises `UsageError` for a source that is not a recording, or an unknown disturbance; `NotTurned` if the sensor was
-    still, so that `still` can estimate its disturbances, but no ellipsoid; `InputError` or `TooFewSamples` as
+    still, so that `fit_still` can estimate its disturbances, but no ellipsoid; `InputError` or `TooFewSamples` as
     `fit_disturbances`.
     """
     if not hasattr(source, "blocks"):
         raise UsageError(f"to follow {' and '.join(names)}, give a recording with that column, such as Samples")
     recording = cast("Recording", source)
-    parts = list(singles(recording))
-    unturned = still(parts, names)
+    parts = list(single_recordings(recording))
+    unturned = fit_still(parts, names)
     if unturned is not None:
         raise NotTurned(unturned.noise, " and ".join(names))
     found = fit_disturbances(parts, names, spread=spread)
-    return found, compensated(recording, found.calibration)
+    return found, compensate_recording(recording, found.calibration)

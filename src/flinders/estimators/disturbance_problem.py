@@ -17,10 +17,10 @@ Source: the model of ArduPilot's CompassMot, estimated from the magnitude; P. W.
 6 (1977) 813–827, for Cauchy weights and their k.
 
 >>> from flinders import simulate
->>> from flinders.estimators.regressors import Logged
+>>> from flinders.estimators.regressors import LoggedDisturbances
 >>> motors = simulate.MotorCurrent(per_ampere=[0.5, 0.0, -0.3])
 >>> samples = simulate.tumble(seed=1, disturbances=[motors]).samples
->>> solved = settle(DisturbanceProblem(Logged.of([samples], ("current",)), ("current",), 0.3, {}))
+>>> solved = solve_disturbances(DisturbanceProblem(LoggedDisturbances.of([samples], ("current",)), ("current",), 0.3, {}))
 >>> solved.at.disturbances.round(1) + 0.0
 array([[ 0.5,  0. , -0.3]])
 """
@@ -32,20 +32,20 @@ from typing import TYPE_CHECKING, ClassVar, Final, Self, TypeAlias
 
 import numpy as np
 
-from flinders.geometry.ellipsoid import sphere_through, symmetric, upper
+from flinders.geometry.ellipsoid import sphere_through, symmetric_matrix, upper_entries
 from flinders.likelihood import magnitude, prior
 from flinders.likelihood.equations import NormalEquations
-from flinders.likelihood.observations import Linearised
+from flinders.likelihood.observations import EliminatedEquations
 from flinders.likelihood.parameters import ParameterLayout, Surface
 from flinders.likelihood.robust import robust_sigma
 from flinders.likelihood.solver import Iterate, levenberg_marquardt
-from flinders.summary.coverage import directions_of
+from flinders.summary.coverage import corrected_directions
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
-    from flinders.estimators.regressors import Logged
+    from flinders.estimators.regressors import LoggedDisturbances
     from flinders.likelihood.solver import Equations
 
 MAX_START_READINGS: Final = 1_000
@@ -69,7 +69,7 @@ CAUCHY_SIGMAS: Final = 2.4
 MIN_INLIER_SHARE: Final = 0.5
 """Smallest fraction of the readings that are inliers."""
 
-WEAK: Final = 1.0
+EFFECT_SIGMA: Final = 1.0
 """Prior standard deviation of a disturbance over its recorded range, relative to the field."""
 
 GROWTH_SIGMA: Final = 0.005
@@ -83,12 +83,12 @@ class DisturbedSurface(Surface):
     disturbances: Floats  # (K, 3) P: offset for each unit of each disturbance
     slope: float = 0.0  # a, 1/°C: relative growth of the scale
 
-    def moved(self, step: Floats, layout: ParameterLayout) -> Self:
+    def take_step(self, step: Floats, layout: ParameterLayout) -> Self:
         """Surface after a (P,) step."""
         shifts, growth = step[layout.columns["disturbances"]], step[layout.columns["slope"]]
         return type(self)(
             self.offset + step[:3],
-            self.shape + symmetric(step[3:9]),
+            self.shape + symmetric_matrix(step[3:9]),
             self.disturbances + shifts.reshape(-1, 3),
             self.slope + float(growth.sum()),
         )
@@ -103,7 +103,7 @@ class CompensatedReadings:
     warmth: Floats | None  # (N,), °C: departure of the temperature, if the scale can follow it
     inliers: NDArray[np.bool_] | None = None  # (N,): readings in the cost; None for Cauchy weights
 
-    def thinned(self, most: int) -> Self:
+    def thin(self, most: int) -> Self:
         """The observations of at most `most` readings, spread evenly."""
         stride = -(-len(self.field) // most)
         warmth = None if self.warmth is None else self.warmth[::stride]
@@ -130,11 +130,11 @@ class CompensatedReadings:
 
     def jacobian(self, at: DisturbedSurface) -> Floats:
         """(N, P) displacement of the surface at each reading by each parameter."""
-        directions = directions_of(self.compensated(at), at.ellipsoid)
+        directions = corrected_directions(self.compensated(at), at.ellipsoid)
         jacobian = magnitude.information(directions, at.ellipsoid)
         columns = [jacobian, *(jacobian[:, :3] * values[:, np.newaxis] for values in self.departures.T)]
         if self.warmth is not None:
-            columns.append(self.warmth * (jacobian[:, 3:] @ upper(at.shape)))
+            columns.append(self.warmth * (jacobian[:, 3:] @ upper_entries(at.shape)))
         return np.column_stack(columns)
 
     def scale(self, at: DisturbedSurface) -> float:
@@ -147,13 +147,13 @@ class CompensatedReadings:
         """The same observations, which do not depend on the parameters."""
         return self
 
-    def linearised(self, at: DisturbedSurface, _: Floats, __: ParameterLayout, scale: float) -> Linearised:
+    def linearise(self, at: DisturbedSurface, _: Floats, __: ParameterLayout, scale: float) -> EliminatedEquations:
         """Normal equations of iteratively reweighted least squares, without own directions."""
         scaled = self.distances(at) / scale
         weights = 1.0 / (1.0 + (scaled / CAUCHY_SIGMAS) ** 2) if self.inliers is None else self.inliers.astype(float)
         rows = self.jacobian(at) / scale
         weighted = rows * weights[:, np.newaxis]
-        return Linearised.without_directions(weighted.T @ rows, weighted.T @ scaled, self._loss(scaled))
+        return EliminatedEquations.without_directions(weighted.T @ rows, weighted.T @ scaled, self._loss(scaled))
 
     def cost(self, at: DisturbedSurface, _: Floats, scale: float) -> float:
         """Σ ρ of the distances in their scale."""
@@ -176,7 +176,7 @@ class _Fit:
     readings: CompensatedReadings
     spread: float  # of the prior of the shape
     tolerance: ClassVar[float] = MAX_COST_INCREASE
-    settled: ClassVar[float] = LAST_STEP_SIGMAS
+    last_step: ClassVar[float] = LAST_STEP_SIGMAS
 
     @property
     def layout(self) -> ParameterLayout:
@@ -188,7 +188,7 @@ class _Fit:
         matrix, gradient = np.zeros((self.layout.size, self.layout.size)), np.zeros(self.layout.size)
         shape = prior.equations(at.ellipsoid, spread=self.spread)
         ranges = np.maximum(np.abs(self.readings.departures).max(axis=0, initial=0.0), np.finfo(float).tiny)
-        precision = np.repeat((ranges / (WEAK * at.ellipsoid.radius)) ** 2, 3)
+        precision = np.repeat((ranges / (EFFECT_SIGMA * at.ellipsoid.radius)) ** 2, 3)
         if self.readings.warmth is not None:
             precision = np.append(precision, 1.0 / GROWTH_SIGMA**2)
         values = np.append(at.disturbances.ravel(), [] if self.readings.warmth is None else [at.slope])
@@ -196,7 +196,7 @@ class _Fit:
         matrix[9:, 9:], gradient[9:] = np.diag(precision), -precision * values
         return NormalEquations(matrix, gradient, shape.cost + float(precision @ values**2), 0)
 
-    def reweighed(self, iterate: CompensatedIterate, _: Equations) -> CompensatedIterate:
+    def reweigh(self, iterate: CompensatedIterate, _: Equations) -> CompensatedIterate:
         """Set the scale of the distances to their robust standard deviation."""
         return replace(iterate, weights=self.readings.scale(iterate.at))
 
@@ -210,7 +210,7 @@ class _Fit:
 class DisturbanceProblem:
     """A recording, and the disturbances to estimate."""
 
-    logged: Logged
+    logged: LoggedDisturbances
     names: tuple[str, ...]  # names of the disturbances
     spread: float  # of the prior of the shape
     lags: dict[str, float]  # s: lags by name, where not zero
@@ -233,7 +233,7 @@ class DisturbanceProblem:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Solved:
+class DisturbanceSolution:
     """Solution of a `DisturbanceProblem`."""
 
     at: DisturbedSurface
@@ -248,10 +248,10 @@ class Solved:
         return float(np.sqrt(used @ used / max(len(used) - self.jacobian.shape[1], 1)))
 
 
-def settle(problem: DisturbanceProblem, start: Solved | None = None) -> Solved:
+def solve_disturbances(problem: DisturbanceProblem, start: DisturbanceSolution | None = None) -> DisturbanceSolution:
     """Solve robustly from the best of a few starts or from `start`, then without outliers."""
     readings = problem.readings
-    at = _start(readings.thinned(MAX_START_READINGS), problem.spread) if start is None else start.at
+    at = _start(readings.thin(MAX_START_READINGS), problem.spread) if start is None else start.at
     used = _find_inliers(readings.distances(at))
     for _ in range(3):
         at = _Fit(replace(readings, inliers=used), problem.spread).solved(at)
@@ -259,7 +259,7 @@ def settle(problem: DisturbanceProblem, start: Solved | None = None) -> Solved:
         if np.array_equal(again, used):
             break
         used = again
-    return Solved(at, readings.distances(at), readings.jacobian(at), used)
+    return DisturbanceSolution(at, readings.distances(at), readings.jacobian(at), used)
 
 
 def _start(readings: CompensatedReadings, spread: float) -> DisturbedSurface:

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, ClassVar, Final
 
 from flinders.errors import UsageError
 from flinders.estimators.base import Method, check_prior
-from flinders.estimators.data import laid_flat
-from flinders.estimators.in_plane import fitted_flat, lifted, require_turn
-from flinders.geometry.plane import Plane, order_of
+from flinders.estimators.data import project_to_plane
+from flinders.estimators.in_plane import fit_projected, lift_estimate, require_turn
+from flinders.geometry.plane import Plane, axis_order
 from flinders.likelihood import prior
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ class Ellipse:
     """
 
     plane: Plane = "xy"
-    prior: float = prior.SPREAD
+    prior: float = prior.SOFT_IRON_SPREAD
     dip_deg: float = 60.0
     field_strength: float | None = None
 
@@ -76,10 +76,10 @@ class Ellipse:
 
         Raises `UsageError` for either.
         """
-        order_of(self.plane)
+        axis_order(self.plane)
         check_prior(self.prior)
         if self.prior is None:
-            raise UsageError("ellipse needs a prior across the plane: give one", hint={"prior": prior.SPREAD})
+            raise UsageError("ellipse needs a prior across the plane: give one", hint={"prior": prior.SOFT_IRON_SPREAD})
 
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipse to the readings of the plane.
@@ -88,8 +88,8 @@ class Ellipse:
         the readings are in one place, or all on a line; `NeedsSamples` if only sums were given.
         """
         require_turn(readings, self.unknowns, self.name, self.plane)
-        return lifted(
-            fitted_flat(laid_flat(readings, self.plane), self.prior),
+        return lift_estimate(
+            fit_projected(project_to_plane(readings, self.plane), self.prior),
             readings,
             self.plane,
             name=self.name,

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flinders.errors import FitError, NotAnEllipsoid, Unmoved
-from flinders.estimators.data import FARTHEST, SMALLEST
-from flinders.estimators.likelihood import estimated
+from flinders.estimators.data import MAX_OFFSET_SPREADS, MIN_READING
+from flinders.estimators.likelihood import estimate_from_record
 from flinders.geometry.ellipsoid import Ellipsoid
-from flinders.geometry.plane import PlaneEllipse, order_of
+from flinders.geometry.plane import PlaneEllipse, axis_order
 from flinders.native.engine import engine
 
 if TYPE_CHECKING:
@@ -48,36 +48,36 @@ def require_turn(readings: Readings, unknowns: int, method: str, plane: Plane) -
     readings hardly vary in the plane.
     """
     readings.require(unknowns, method, axes=plane)
-    seen = list(order_of(plane)[:2])
+    seen = list(axis_order(plane)[:2])
     moments = readings.summary.moments
     spread = float(np.sqrt(np.diag(moments.covariance)[seen].sum().clip(min=0.0)))
     size = float(np.linalg.norm(moments.mean[seen]))
-    if not (spread > SMALLEST and FARTHEST * spread > size):
+    if not (spread > MIN_READING and MAX_OFFSET_SPREADS * spread > size):
         apart = float(np.linalg.norm(readings.summary.health.extent[seen]))
         raise Unmoved(math.degrees(math.atan2(apart, size)), f"all the way round in the plane {plane}")
 
 
-def fitted_flat(flat: Readings, spread: float) -> Estimate:
+def fit_projected(flat: Readings, spread: float) -> Estimate:
     """Fit an ellipse to projected readings, as `Likelihood` fits an ellipsoid; robustly if residuals show outliers.
 
     Raises `NotAnEllipse` if half of the readings are in one place, or all on a line; `NeedsSamples` if only sums were
     given.
     """
-    field, ends = flat.in_memory("ellipse")
+    field, ends = flat.as_array("ellipse")
     record = engine().fit_level(field, ends=ends, prior=spread, dip_deg=0.0, statistics=0, rests=0)
     if record["status"]:
         raise NotAnEllipse("ellipse")
-    return estimated(record, flat)
+    return estimate_from_record(record, flat)
 
 
-def equator(ellipse: PlaneEllipse) -> Ellipsoid:
+def equator_ellipsoid(ellipse: PlaneEllipse) -> Ellipsoid:
     """Ellipsoid whose equator is an ellipse; its third semi-axis is their geometric mean."""
     shape = np.zeros((3, 3))
     shape[:2, :2], shape[2, 2] = ellipse.shape, ellipse.radius
     return Ellipsoid(np.append(ellipse.centre, 0.0), shape)
 
 
-def lifted(
+def lift_estimate(
     flat: Estimate, readings: Readings, plane: Plane, *, name: str, dip_deg: float, field_strength: float | None
 ) -> Estimate:
     """Estimate for three axes from the ellipse in a plane; the third axis has unit gain and no offset.
@@ -102,12 +102,12 @@ def lifted(
         Semi-axis of the third axis, by default the mean of those in the plane; the matrix has a 1 there in both cases.
     """
     dip = np.deg2rad(dip_deg)
-    level = equator(PlaneEllipse(flat.ellipsoid.centre[:2], flat.ellipsoid.shape[:2, :2]))
+    level = equator_ellipsoid(PlaneEllipse(flat.ellipsoid.centre[:2], flat.ellipsoid.shape[:2, :2]))
     shape = level.shape / np.cos(dip)
     if field_strength is not None:
         shape[2, 2] = field_strength
     lift = lift_matrix(float(dip))
-    order = order_of(plane)
+    order = axis_order(plane)
     unclaimed = np.hypot(float(readings.summary.moments.mean[order[2]]), shape[2, 2])
     there = [order.index(axis) for axis in range(3)]
     rows = _parameters(there)

@@ -29,21 +29,21 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
 import numpy as np
 
-from flinders.estimators.covariance import BLOCKS, BY_CHANCE, Residuals, largest_excess, time_of
-from flinders.estimators.outliers import MARGIN, within
-from flinders.geometry.rotation import across, on_the_sphere
+from flinders.estimators.covariance import BLOCK_COUNT, DRIFT_PROBABILITY, Residuals, correlation_length, largest_excess
+from flinders.estimators.outliers import MARGIN_READINGS, is_near
+from flinders.geometry.rotation import perpendicular_vectors, step_on_sphere
 from flinders.likelihood import gyro_noise as walked
 from flinders.likelihood.observations import (
     ObservationGroup,
     ObservationRows,
-    inverse_of,
-    mixed_of,
-    orthonormal,
-    own_of,
-    residuals_of,
-    rows_of,
+    inverse_matrices,
+    mixed_products,
+    orthonormalise,
+    own_jacobian,
+    residual_rows,
+    unweighted_residuals,
 )
-from flinders.summary.pooling import chance_of
+from flinders.summary.pooling import p_value_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -56,17 +56,17 @@ if TYPE_CHECKING:
 MAX_INFORMATION_READINGS: Final = 2000
 """Largest number of readings from which spurious information is computed."""
 
-MOST: Final = 0.9
+MAX_SPURIOUS_SHARE: Final = 0.9
 """Largest fraction of spurious information that is removed; the rest keeps the matrix positive definite."""
 
 
-def spurious_information_of(problem: JointProblem, iterate: JointIterate) -> Floats:
+def joint_spurious_information(problem: JointProblem, iterate: JointIterate) -> Floats:
     """(P, P) spurious information by noise in the normal matrix."""
     size = problem.layout.size
     total = np.zeros((size, size))
     every = max(1, -(-sum(group.rows.size for group in iterate.groups) // MAX_INFORMATION_READINGS))
     for group, directions in zip(iterate.groups, iterate.directions, strict=True):
-        some, towards = group.every(every), directions[::every]
+        some, towards = group.thin_windows(every), directions[::every]
         seen = len(directions) / len(towards)
         for first, second in _noisy_jacobians(some, towards, problem, iterate):
             moved = 0.5 * (first - second).transpose(3, 1, 0, 2).reshape(size, -1)
@@ -74,10 +74,10 @@ def spurious_information_of(problem: JointProblem, iterate: JointIterate) -> Flo
     return total
 
 
-def without(matrix: Floats, spurious: Floats, believed: Floats) -> Floats:
+def subtract_spurious(matrix: Floats, spurious: Floats, believed: Floats) -> Floats:
     """(P, P) normal matrix plus that of the prior, minus spurious information.
 
-    >>> without(np.diag([4.0, 4.0]), np.diag([1.0, 0.0]), np.eye(2)).round(9)
+    >>> subtract_spurious(np.diag([4.0, 4.0]), np.diag([1.0, 0.0]), np.eye(2)).round(9)
     array([[4., 0.],
            [0., 5.]])
     """
@@ -89,7 +89,7 @@ def without(matrix: Floats, spurious: Floats, believed: Floats) -> Floats:
     shares, ways = np.linalg.eigh(inverse @ spurious @ inverse.T)
     from_readings = np.einsum("ij,ik,kj->j", ways, inverse @ matrix @ inverse.T, ways)
     left = root @ ways
-    less: Floats = (left * (1.0 - np.clip(shares, 0.0, MOST * from_readings))) @ left.T
+    less: Floats = (left * (1.0 - np.clip(shares, 0.0, MAX_SPURIOUS_SHARE * from_readings))) @ left.T
     return less
 
 
@@ -99,19 +99,21 @@ def _noisy_jacobians(
     """Yield pairs of Jacobians with each kind of noise changed by plus and minus one standard deviation."""
 
     def jacobian(group: ObservationGroup, directions: Floats) -> Floats:
-        return projected(rows_of(group, iterate.at, directions, problem.layout, iterate.weights))[0]
+        return eliminate_directions(residual_rows(group, iterate.at, directions, problem.layout, iterate.weights))[0]
 
-    own = own_of(group, iterate.at, directions, iterate.weights)
-    covariance = inverse_of(np.einsum("wkna,wknb->wab", own, own))
+    own = own_jacobian(group, iterate.at, directions, iterate.weights)
+    covariance = inverse_matrices(np.einsum("wkna,wknb->wab", own, own))
     values, vectors = np.linalg.eigh(covariance)
     for steps in np.moveaxis(vectors * np.sqrt(np.maximum(values, 0.0))[:, np.newaxis], 2, 0):
-        yield jacobian(group, on_the_sphere(directions, steps)), jacobian(group, on_the_sphere(directions, -steps))
+        yield jacobian(group, step_on_sphere(directions, steps)), jacobian(group, step_on_sphere(directions, -steps))
     if group.down is None or group.attitudes is not None:
         return
     sigma = iterate.weights.vertical / np.sqrt(max(1.0 - iterate.at.sine**2, 1e-3))
     alternating = np.where(np.arange(group.down.shape[1]) % 2, sigma, -sigma)[:, np.newaxis]  # each on its own
     observed = np.asarray(group.down.any(axis=2, keepdims=True))
-    for aside in np.moveaxis(across(np.where(observed, group.down, [0.0, 0.0, 1.0])) * observed[..., np.newaxis], 3, 0):
+    for aside in np.moveaxis(
+        perpendicular_vectors(np.where(observed, group.down, [0.0, 0.0, 1.0])) * observed[..., np.newaxis], 3, 0
+    ):
         up, down = group.down + alternating * aside, group.down - alternating * aside
         yield jacobian(replace(group, down=up), directions), jacobian(replace(group, down=down), directions)
 
@@ -128,7 +130,7 @@ WALK_STEPS: Final = 25
 MAX_CORRELATION_READINGS: Final = 20_000
 """Largest number of readings from which the correlation of residuals is estimated."""
 
-FADING_READINGS: Final = 10 * MARGIN
+FADING_READINGS: Final = 10 * MARGIN_READINGS
 """Readings before and after outliers in which their field can fade: five seconds at 50 Hz."""
 
 
@@ -146,7 +148,9 @@ class _Sums:
     def of(cls, size: int) -> Self:
         """Sums of zero for `size` parameters."""
         square = np.zeros((size, size))
-        return cls(square, np.zeros((BLOCKS, size)), np.zeros((BLOCKS, size, size)), np.zeros(size), square.copy())
+        return cls(
+            square, np.zeros((BLOCK_COUNT, size)), np.zeros((BLOCK_COUNT, size, size)), np.zeros(size), square.copy()
+        )
 
     @property
     def basis(self) -> Floats:
@@ -187,7 +191,7 @@ class CorrelationLength(NamedTuple):
     noise: float  # standard deviation of dᵀq in rad, with the current weights
 
 
-def span_of(iterate: JointIterate) -> CorrelationLength:
+def vertical_correlation(iterate: JointIterate) -> CorrelationLength:
     """Estimate the correlation length of the verticals' residuals in time order.
 
     A vertical that is weighted for a correlation length τ has the variance 1/τ. With Q the share that its fitted
@@ -198,29 +202,29 @@ def span_of(iterate: JointIterate) -> CorrelationLength:
     for group, directions in zip(iterate.groups, iterate.directions, strict=True):
         if group.down is None or group.attitudes is not None or group.trust is None:
             continue
-        _, vertical = residuals_of(group, iterate.at, directions)
+        _, vertical = unweighted_residuals(group, iterate.at, directions)
         if vertical is not None:
             observed = group.trust > 0.0
             rows.append(group.rows[observed])
             residuals.append(vertical[..., 0][observed] * np.sqrt(group.trust[observed]))
-            left = _share_left(own_of(group, iterate.at, directions, iterate.weights))[observed]
+            left = _share_left(own_jacobian(group, iterate.at, directions, iterate.weights))[observed]
             expected += float(np.sum(left**2 + span * (left - left**2)))
     if not rows:
         return CorrelationLength(1.0, iterate.weights.vertical)
     residual = np.concatenate(residuals)[np.argsort(np.concatenate(rows), kind="stable")]
     alone = Residuals(residual - residual.mean(), np.zeros((len(residual), 1)), [np.arange(len(residual))])
     noise = math.sqrt(float(np.sum(residual**2)) / max(expected, 1e-300))
-    return CorrelationLength(max(1.0, time_of(alone.autocovariance())), noise)
+    return CorrelationLength(max(1.0, correlation_length(alone.autocovariance())), noise)
 
 
 def _share_left(own: Floats) -> Floats:
-    """(W, n) share of each vertical's residual that the fitted direction leaves, from the Jacobian of `own_of`."""
-    upright = orthonormal(own)[0][:, 3]
+    """(W, n) share of each vertical's residual that the fitted direction leaves, from the Jacobian of `own_jacobian`."""
+    upright = orthonormalise(own)[0][:, 3]
     left: Floats = 1.0 - np.einsum("wna,wna->wn", upright, upright)
     return left
 
 
-def random_walk_of(problem: JointProblem, iterate: JointIterate, textbook: Floats) -> DirectionRandomWalk:
+def estimate_random_walk(problem: JointProblem, iterate: JointIterate, textbook: Floats) -> DirectionRandomWalk:
     """Estimate the random walk within windows; `textbook` is the (P, P) covariance for white residuals."""
     size = problem.layout.size
     walks, bent, steps = np.zeros(2), np.zeros(size), np.zeros((size, size))
@@ -228,15 +232,15 @@ def random_walk_of(problem: JointProblem, iterate: JointIterate, textbook: Float
     for group, directions in zip(iterate.groups, iterate.directions, strict=True):
         if group.turned is None:
             continue
-        rows = rows_of(group, iterate.at, directions, problem.layout, iterate.weights)
-        jacobian, residual = projected(rows)
-        pushes = walked.pushes(group, iterate.at, directions, iterate.weights)
+        rows = residual_rows(group, iterate.at, directions, problem.layout, iterate.weights)
+        jacobian, residual = eliminate_directions(rows)
+        pushes = walked.rotation_derivatives(group, iterate.at, directions, iterate.weights)
         pulled = _sum_later(jacobian, pushes)
         walks += _walk_score(rows, residual, pushes, pulled, textbook)
         pulled[:, 0] = 0.0  # a window begins where its direction is
         flat = pulled.transpose(3, 2, 0, 1).reshape(size, -1)
         steps += flat @ flat.T
-        whole = walked.Walked.of(rows, pushes)
+        whole = walked.WalkStatistics.of(rows, pushes)
         bent += walked.mean_gradient(whole, group, iterate.at, directions, problem.layout, iterate.weights)
         longest = max(longest, pushes.shape[2])
         if group.down is not None and group.attitudes is None and group.trust is not None:
@@ -247,7 +251,7 @@ def random_walk_of(problem: JointProblem, iterate: JointIterate, textbook: Float
     return DirectionRandomWalk(variance, min(variance, MAX_WALK_RAD**2 / longest) * bent, own, steps)
 
 
-def scatter_of(problem: JointProblem, iterate: JointIterate, walk: DirectionRandomWalk) -> Scatter:
+def gradient_scatter(problem: JointProblem, iterate: JointIterate, walk: DirectionRandomWalk) -> Scatter:
     """Scatter of the gradient from the residuals of a fit.
 
     `iterate`: state at convergence; `walk`: random walk of the same fit.
@@ -258,9 +262,9 @@ def scatter_of(problem: JointProblem, iterate: JointIterate, walk: DirectionRand
     readings = len(fading)
     looked, chosen = _choose_groups(iterate.groups)
     for index, (group, directions) in enumerate(zip(iterate.groups, iterate.directions, strict=True)):
-        rows = rows_of(group, iterate.at, directions, problem.layout, iterate.weights)
-        jacobian, residual = projected(rows)
-        squares = _add_blocks(evidence, group.rows[:, 0] * BLOCKS // readings, jacobian, residual)
+        rows = residual_rows(group, iterate.at, directions, problem.layout, iterate.weights)
+        jacobian, residual = eliminate_directions(rows)
+        squares = _add_blocks(evidence, group.rows[:, 0] * BLOCK_COUNT // readings, jacobian, residual)
         _add_fading(evidence, np.asarray(fading[group.rows].any(axis=1)), jacobian, residual)
         if group.turned is not None:
             evidence.scatter += squares
@@ -292,7 +296,7 @@ def _walk_score(rows: ObservationRows, residual: Floats, pushes: Floats, pulled:
     starts = slice(stride // 2, None, stride)
     seen = _sum_later(residual[..., np.newaxis], pushes)[:, starts, :, 0]
     own = rows.own.reshape(len(rows.own), -1, 2)
-    inverse = inverse_of(np.swapaxes(own, 1, 2) @ own)
+    inverse = inverse_matrices(np.swapaxes(own, 1, 2) @ own)
     of_own, of_all = _sum_later(rows.own, pushes)[:, starts], pulled[:, starts]
     squares = _sum_later(pushes, pushes)[:, starts]
     lumps = squares.shape[1]
@@ -307,7 +311,7 @@ def _walk_score(rows: ObservationRows, residual: Floats, pushes: Floats, pulled:
 def _walk_squares(rows: ObservationRows, pushes: Floats) -> float:
     """Sum of the squared residuals of verticals by a walk of 1 rad² per reading, with fitted directions."""
     own = rows.own.reshape(len(rows.own), -1, 2)
-    inverse = inverse_of(np.swapaxes(own, 1, 2) @ own)
+    inverse = inverse_matrices(np.swapaxes(own, 1, 2) @ own)
     upright, raised = rows.own[:, 3:], pushes[:, 3:]
     of_uprights = upright.reshape(len(own), -1, 2)
     taken = _sum_later(rows.own, pushes) @ inverse[:, np.newaxis]  # (W, n, 3, 2): change of the direction by each step
@@ -327,11 +331,11 @@ def _choose_groups(groups: Sequence[ObservationGroup]) -> tuple[float, set[int]]
     return total / max(some, 1), chosen
 
 
-def projected(rows: ObservationRows) -> tuple[Floats, Floats]:
+def eliminate_directions(rows: ObservationRows) -> tuple[Floats, Floats]:
     """(W, k, n, P) Jacobian and (W, k, n) residuals after elimination of the windows' own directions."""
-    own, _ = orthonormal(rows.own)
+    own, _ = orthonormalise(rows.own)
     pulled = np.einsum("wkna,wkn->wa", own, rows.residual)
-    mixed = mixed_of(rows.jacobian, own)[:, np.newaxis, np.newaxis]
+    mixed = mixed_products(rows.jacobian, own)[:, np.newaxis, np.newaxis]
     jacobian, part = rows.jacobian.copy("K"), np.empty_like(rows.jacobian)
     for axis in range(2):
         jacobian -= np.multiply(own[..., axis, np.newaxis], mixed[..., axis], out=part)
@@ -356,7 +360,7 @@ def _near_outliers(groups: Sequence[ObservationGroup]) -> NDArray[np.bool_]:
     outliers = np.zeros(1 + max(int(group.rows.max()) for group in groups), dtype=bool)
     for group in groups:
         outliers[group.rows[group.weight == 0.0]] = True
-    return within(FADING_READINGS, outliers) if outliers.any() else outliers
+    return is_near(FADING_READINGS, outliers) if outliers.any() else outliers
 
 
 def _add_fading(evidence: _Sums, windows: NDArray[np.bool_], jacobian: Floats, residual: Floats) -> None:
@@ -381,8 +385,8 @@ def _fading_scatter(evidence: _Sums, excess: float) -> Floats:
     added = np.outer(evidence.fading_gradient, evidence.fading_gradient)
     if expected <= 0.0 or taken <= 0.0:
         return np.zeros_like(added)
-    chance = chance_of(float(gradient @ gradient) * expected / taken, max(round(expected**2 / taken), 1))
-    return added if chance < BY_CHANCE else np.zeros_like(added)
+    chance = p_value_of(float(gradient @ gradient) * expected / taken, max(round(expected**2 / taken), 1))
+    return added if chance < DRIFT_PROBABILITY else np.zeros_like(added)
 
 
 def _autocorrelated_scatter(rows: ObservationRows, basis: Floats) -> Floats:
@@ -407,10 +411,10 @@ def _free_directions(own: Floats, direction: Floats) -> Floats:
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
     if kinds == 3:
         return normal[..., np.newaxis]
-    tangent = np.ones((1, 1)) if kinds == 4 else across(direction)
+    tangent = np.ones((1, 1)) if kinds == 4 else perpendicular_vectors(direction)
     free = np.zeros((count, kinds, 1 + tangent.shape[1]))
     free[:, :3, 0] = normal
-    inverse = inverse_of(np.swapaxes(own, 1, 2) @ own)
+    inverse = inverse_matrices(np.swapaxes(own, 1, 2) @ own)
     free[:, 3:, 1:] = tangent
     free[:, :, 1:] -= own @ (inverse @ (np.swapaxes(own[:, 3:], 1, 2) @ tangent))
     values, vectors = np.linalg.eigh(np.swapaxes(free[:, :, 1:], 1, 2) @ free[:, :, 1:])

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.estimators.outliers import with_runs
+from flinders.estimators.outliers import extend_to_runs
 from flinders.geometry.rotation import lengths
-from flinders.likelihood.observations import residuals_of
+from flinders.likelihood.observations import unweighted_residuals
 from flinders.likelihood.solver import levenberg_marquardt
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ MAX_ROUNDS: Final = 4
 """Largest number of fits and searches for outliers."""
 
 
-def without_outliers(problem: JointProblem, iterate: JointIterate, steps: int) -> JointIterate:
+def fit_without_outliers(problem: JointProblem, iterate: JointIterate, steps: int) -> JointIterate:
     """Fit without outliers, and find outliers again, until they no longer change.
 
     Parameters
@@ -60,7 +60,7 @@ def without_outliers(problem: JointProblem, iterate: JointIterate, steps: int) -
     return iterate
 
 
-def leaving_out(problem: JointProblem, outliers: Sequence[Outlier]) -> JointProblem:
+def leave_out_runs(problem: JointProblem, outliers: Sequence[Outlier]) -> JointProblem:
     """The problem with weight 0 for runs of outliers."""
     weight = np.ones(1 + max(int(group.rows.max()) for group in problem.groups))
     for run in outliers:
@@ -73,7 +73,7 @@ def _inliers(iterate: JointIterate) -> tuple[ObservationGroup, ...]:
     rows = np.concatenate([group.rows.ravel() for group in iterate.groups])
     far = np.zeros(int(rows.max()) + 1, dtype=bool)
     far[rows] = _find_outliers(iterate)
-    enough = (one for one in (~with_runs(far), ~far) if one[rows].mean() > MIN_INLIER_SHARE)
+    enough = (one for one in (~extend_to_runs(far), ~far) if one[rows].mean() > MIN_INLIER_SHARE)
     weight = next(enough, np.ones_like(far)).astype(float)
     return tuple(_set_weights(group, weight[group.rows]) for group in iterate.groups)
 
@@ -81,7 +81,9 @@ def _inliers(iterate: JointIterate) -> tuple[ObservationGroup, ...]:
 def _find_outliers(iterate: JointIterate) -> NDArray[np.bool_]:
     """(N,) whether the residual of each reading of all groups is that of an outlier."""
     parts = zip(iterate.groups, iterate.directions, strict=True)
-    length = np.concatenate([lengths(residuals_of(group, iterate.at, known)[0]).ravel() for group, known in parts])
+    length = np.concatenate(
+        [lengths(unweighted_residuals(group, iterate.at, known)[0]).ravel() for group, known in parts]
+    )
     usual = max(float(np.median(length)), iterate.weights.noise * 1e-3)
     return np.asarray(length > OUTLIER_RATIO * usual)
 

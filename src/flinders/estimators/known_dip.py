@@ -14,7 +14,7 @@ only the strength is used.
 >>> site = Site(strength=50.0, gain_sigma=0.05, inclination_deg=60.0, inclination_sigma_deg=1.0)
 >>> readings = Readings.of(turned.samples)
 >>> alone = Level(dip_deg=60.0).estimate(readings)
->>> located = sited(alone, readings, site, alignment_sigma_deg=1.0)
+>>> located = update_by_site(alone, readings, site, alignment_sigma_deg=1.0)
 >>> located.ellipsoid.centre.round(0), bool(np.sqrt(located.covariance[2, 2]) < 0.2 * np.sqrt(alone.covariance[2, 2]))
 (array([ 10.,  20., -30.]), True)
 """
@@ -30,10 +30,10 @@ import numpy as np
 from flinders.core.samples import frame_of
 from flinders.estimators.base import SiteStrength
 from flinders.estimators.level import Level
-from flinders.estimators.likelihood import ENOUGH
-from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
+from flinders.estimators.likelihood import MAX_ITERATED_READINGS
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric_matrix, upper_entries
 from flinders.native.engine import engine
-from flinders.native.layouts import VERTICAL, constant
+from flinders.native.layouts import VERTICAL, enum_value
 
 if TYPE_CHECKING:
     from flinders.estimators.base import Estimate
@@ -42,14 +42,14 @@ if TYPE_CHECKING:
     from flinders.native.layouts import Records
 
 Z_DOWN_BY_CONSTANT: Final = {
-    constant("Z_DOWN"): True,
-    constant("Z_ELSEWHERE"): False,
-    constant("Z_OPEN"): None,
+    enum_value("Z_DOWN"): True,
+    enum_value("Z_ELSEWHERE"): False,
+    enum_value("Z_OPEN"): None,
 }
 """Values of `Estimate.z_down` by the constants of the engine."""
 
 
-def sited(
+def update_by_site(
     estimate: Estimate,
     readings: Readings,
     site: Site | None,
@@ -82,14 +82,14 @@ def sited(
     if estimate.method != Level.name and (estimate.plane or site is None):
         return estimate  # a two-axis recipe has no claim for the third axis
     record = _make_record(estimate, dip_deg)
-    field = readings.thinned(ENOUGH, Level.name) if estimate.plane else np.empty((0, 3))
+    field = readings.thin(MAX_ITERATED_READINGS, Level.name) if estimate.plane else np.empty((0, 3))
     vertical = _vertical_sums(readings, record) if estimate.plane else None
     known = _site_row(site, alignment_sigma_deg, z_down=_has_z_down(readings))
-    uses_strength = engine().at_site(record, known, field, vertical)
+    uses_strength = engine().apply_site(record, known, field, vertical)
     strengths = SiteStrength(*(float(record[name]) for name in ("site_strength", "strength_found", "strength_sigmas")))
     return replace(
         estimate,
-        ellipsoid=Ellipsoid(record["centre"].copy(), symmetric(record["shape"])),
+        ellipsoid=Ellipsoid(record["centre"].copy(), symmetric_matrix(record["shape"])),
         covariance=record["covariance"].reshape(9, 9).copy(),
         textbook=None if estimate.textbook is None else record["textbook"].reshape(9, 9).copy(),
         strength=strengths.site if uses_strength else estimate.strength,
@@ -101,7 +101,7 @@ def sited(
 def _make_record(estimate: Estimate, dip_deg: float) -> Records:
     """Record of the engine with the surface, covariances, noise and rejection limit of an estimate."""
     record = engine().record()
-    record["centre"], record["shape"] = estimate.ellipsoid.centre, upper(estimate.ellipsoid.shape)
+    record["centre"], record["shape"] = estimate.ellipsoid.centre, upper_entries(estimate.ellipsoid.shape)
     record["radius"], record["noise"], record["dip_deg"] = estimate.ellipsoid.radius, estimate.noise, dip_deg
     record["covariance"] = estimate.covariance.ravel()
     if estimate.textbook is not None:

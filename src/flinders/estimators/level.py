@@ -10,10 +10,10 @@ import numpy as np
 
 from flinders.errors import UsageError
 from flinders.estimators.base import Method, check_prior
-from flinders.estimators.likelihood import LEVEL, estimated
+from flinders.estimators.likelihood import LEVEL_METHOD, estimate_from_record
 from flinders.likelihood import prior
 from flinders.native.engine import engine
-from flinders.summary.summary import FLAT_NOISE
+from flinders.summary.summary import MAX_FLAT_NOISE_RATIO
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -56,10 +56,10 @@ class Level:
     (array([20., 90.]), array([50., 60.]))
     """
 
-    prior: float = prior.SPREAD
+    prior: float = prior.SOFT_IRON_SPREAD
     dip_deg: float = 60.0
 
-    name: ClassVar[str] = LEVEL
+    name: ClassVar[str] = LEVEL_METHOD
     unknowns: ClassVar[int] = 6
     is_biased: ClassVar[bool] = False
 
@@ -70,7 +70,7 @@ class Level:
         """
         check_prior(self.prior)
         if self.prior is None:
-            raise UsageError("level needs a prior across the plane: give one", hint={"prior": prior.SPREAD})
+            raise UsageError("level needs a prior across the plane: give one", hint={"prior": prior.SOFT_IRON_SPREAD})
 
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipse to x and y.
@@ -79,18 +79,18 @@ class Level:
         of the readings are in one place; `NeedsSamples` if only sums were given.
         """
         readings.require(self.unknowns, self.name, axes="xy")
-        readings = readings.fitted()
-        field, ends = readings.in_memory(self.name)
+        readings = readings.for_fit()
+        field, ends = readings.as_array(self.name)
         record = engine().fit_level(field, ends=ends, prior=self.prior, dip_deg=self.dip_deg, rests=0)
-        return estimated(record, readings, has_statistics=True)
+        return estimate_from_record(record, readings, has_statistics=True)
 
 
-def is_level(covariance: Floats, noise: float, *, within: float = FLAT_NOISE) -> bool:
+def is_level(covariance: Floats, noise: float, *, within: float = MAX_FLAT_NOISE_RATIO) -> bool:
     """Whether readings with a (3, 3) covariance are within noise in one plane, which is perpendicular to z."""
     return engine().is_level(covariance, noise, within)
 
 
-def turned_level(field: Floats) -> bool:
+def is_level_turn(field: Floats) -> bool:
     """Whether (N, 3) readings, in the order of recording, are within noise in a plane perpendicular to z.
 
     The noise is estimated from consecutive readings; swaying of the body is larger than this noise.
@@ -98,7 +98,7 @@ def turned_level(field: Floats) -> bool:
     >>> headings, rng = np.arange(0.0, 6.28, 0.01), np.random.default_rng(1)
     >>> level = np.stack([25 * np.cos(headings), 25 * np.sin(headings), 0 * headings], axis=1)
     >>> swayed = level + np.outer(np.sin(5 * headings), [0.0, 0.0, 2.0])
-    >>> [turned_level(each + 0.5 * rng.standard_normal(each.shape)) for each in (level, swayed)]
+    >>> [is_level_turn(each + 0.5 * rng.standard_normal(each.shape)) for each in (level, swayed)]
     [True, False]
     """
     for _ in range(TRIM_COUNT):

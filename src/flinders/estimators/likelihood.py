@@ -12,14 +12,14 @@ from flinders.core.samples import Samples
 from flinders.errors import NotAnEllipsoid, Undetermined
 from flinders.estimators.algebraic import trace_fit
 from flinders.estimators.base import Correlation, Estimate, Method, check_prior
-from flinders.estimators.consistent import adjusted
-from flinders.estimators.data import laid_flat
-from flinders.estimators.outliers import outliers_among
-from flinders.geometry.ellipsoid import Ellipsoid, symmetric
+from flinders.estimators.consistent import fit_adjusted
+from flinders.estimators.data import project_to_plane
+from flinders.estimators.outliers import list_outliers
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric_matrix
 from flinders.geometry.plane import PLANES
 from flinders.likelihood import prior
 from flinders.native.engine import engine
-from flinders.native.layouts import UNDETERMINED
+from flinders.native.layouts import UNDETERMINED_STATUS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -29,10 +29,10 @@ if TYPE_CHECKING:
     from flinders.estimators.outliers import Outlier
     from flinders.native.layouts import Records
 
-ENOUGH: Final = 20_000
+MAX_ITERATED_READINGS: Final = 20_000
 """Largest number of readings in the iteration; for a longer recording a last step uses all readings."""
 
-ROBUST_METHOD, LEVEL = "robust", "level"
+ROBUST_METHOD, LEVEL_METHOD = "robust", "level"
 """Method of an estimate without outliers, and of a level turn."""
 
 CORRELATION_FIELDS: Final = (
@@ -87,7 +87,7 @@ class Likelihood:
     True
     """
 
-    prior: float | None = prior.SPREAD
+    prior: float | None = prior.SOFT_IRON_SPREAD
     bias_correction: bool = True
 
     name: ClassVar[str] = "likelihood"
@@ -113,12 +113,12 @@ class Likelihood:
             If only sums were given.
         """
         readings.require(self.unknowns, self.name)
-        fitted = readings.fitted()
-        return self.polish(fitted, start(fitted))
+        fitted = readings.for_fit()
+        return self.polish(fitted, start_ellipsoid(fitted))
 
     def polish(self, readings: Readings, ellipsoid: Ellipsoid, *, robust: bool = False) -> Estimate:
         """Fit from a given start, robustly if residuals show outliers and `robust` is set; raises as `estimate`."""
-        field, ends = readings.in_memory(self.name)
+        field, ends = readings.as_array(self.name)
         record = engine().polish(
             field,
             ellipsoid.centre,
@@ -128,10 +128,10 @@ class Likelihood:
             bias_correction=self.bias_correction,
             robust=robust,
         )
-        return estimated(record, readings)
+        return estimate_from_record(record, readings)
 
 
-def recorded(
+def fit_record(
     readings: Readings, prior: float | None, *, robust: int, level: int, dip_deg: float = 60.0, statistics: int = 1
 ) -> Records:
     """Record of the engine for a fit from the consistent start; raises NeedsSamples.
@@ -139,14 +139,14 @@ def recorded(
     `robust` is 0 for never, 1 if residuals show outliers, 2 for always. `level` is 1 to fit the ellipse if readings are
     those of a level turn.
     """
-    field, ends = readings.in_memory(Likelihood.name)
+    field, ends = readings.as_array(Likelihood.name)
     time = readings.recording.time if isinstance(readings.recording, Samples) else None
     options = {"prior": prior or 0.0, "dip_deg": dip_deg, "robust": robust, "level": level, "statistics": statistics}
     options["rests"] = readings.rests is None
     return engine().fit(field, time=time, ends=ends, **options)
 
 
-def estimated(record: Records, readings: Readings, *, has_statistics: bool = False) -> Estimate:
+def estimate_from_record(record: Records, readings: Readings, *, has_statistics: bool = False) -> Estimate:
     """Make the estimate of a record of the engine; a record with statistics also has the exchanges of axes.
 
     Raises
@@ -155,21 +155,21 @@ def estimated(record: Records, readings: Readings, *, has_statistics: bool = Fal
         If the fit failed.
     """
     plane = PLANES[record["plane"] - 1] if record["plane"] else None
-    method = LEVEL if plane else ROBUST_METHOD if record["is_robust"] else Likelihood.name
-    if record["status"] == UNDETERMINED:
+    method = LEVEL_METHOD if plane else ROBUST_METHOD if record["is_robust"] else Likelihood.name
+    if record["status"] == UNDETERMINED_STATUS:
         raise Undetermined(int(record["unobserved"]))
     if record["status"]:
         raise NotAnEllipsoid(method=method)
     limit, outliers = np.inf, cast("tuple[Outlier, ...]", ())
     if record["is_robust"]:
         limit = float(record["rejected_beyond"])
-        majority = Ellipsoid(record["majority_centre"], symmetric(record["majority_shape"]))
-        near = readings if plane is None else laid_flat(readings, plane, float(majority.centre[2]))
-        outliers = outliers_among(near, majority, limit, int(record["dense"]))
+        majority = Ellipsoid(record["majority_centre"], symmetric_matrix(record["majority_shape"]))
+        near = readings if plane is None else project_to_plane(readings, plane, float(majority.centre[2]))
+        outliers = list_outliers(near, majority, limit, int(record["dense"]))
     lag_one, time, direction, excess, lasting, steps = (float(record[name]) for name in CORRELATION_FIELDS)
     lasting = 0.0 if math.isnan(lasting) else lasting
     return Estimate(
-        Ellipsoid(record["centre"].copy(), symmetric(record["shape"])),
+        Ellipsoid(record["centre"].copy(), symmetric_matrix(record["shape"])),
         record["covariance"].reshape(9, 9).copy(),
         float(record["noise"]),
         method,
@@ -185,10 +185,10 @@ def estimated(record: Records, readings: Readings, *, has_statistics: bool = Fal
     )
 
 
-def start(readings: Readings) -> Ellipsoid:
+def start_ellipsoid(readings: Readings) -> Ellipsoid:
     """Ellipsoid to start from: the consistent one, else the algebraic one, else a sphere about the readings."""
     try:
-        return adjusted(readings)[0]
+        return fit_adjusted(readings)[0]
     except NotAnEllipsoid:
         moments = readings.summary.moments
         origin, scale = moments.mean, moments.spread
@@ -198,7 +198,7 @@ def start(readings: Readings) -> Ellipsoid:
         return Ellipsoid(origin, scale * np.eye(3))
 
 
-def spheres_about(field: Floats, radius: float | None = None) -> Iterator[Ellipsoid]:
+def start_spheres(field: Floats, radius: float | None = None) -> Iterator[Ellipsoid]:
     """Yield spheres to start from: about (N, 3) readings, and at both sides of the plane that fits them best.
 
     NaN readings are left out; yields nothing if all others are equal.

@@ -13,10 +13,10 @@ import numpy as np
 from flinders.errors import NeedsSamples, NotAnEllipsoid, TooFewSamples, UsageError
 from flinders.estimators.base import Estimate, Method
 from flinders.estimators.covariance import algebraic_noise
-from flinders.estimators.outliers import NO_RUN, outliers_among
+from flinders.estimators.outliers import NO_RUN, list_outliers
 from flinders.estimators.robust import Robust
 from flinders.geometry.ellipsoid import Ellipsoid
-from flinders.likelihood.equations import FINEST
+from flinders.likelihood.equations import MIN_NOISE
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
@@ -117,16 +117,16 @@ class MinMax:
     def _by_extremes(self, readings: Readings) -> Estimate:
         """Fit by the extremes of all readings."""
         health = readings.summary.health
-        ellipsoid = spanned(health.lows.values, -health.highs.values)
+        ellipsoid = extremes_ellipsoid(health.lows.values, -health.highs.values)
         half = ellipsoid.shape.diagonal()
-        if half.min() < FINEST * half.max():
+        if half.min() < MIN_NOISE * half.max():
             raise NotAnEllipsoid((0.0, 0.0, 1.0), self.name)
         noise = algebraic_noise(readings, ellipsoid, self.unknowns - 1)
         places = len(readings.summary.cloud)
-        ends = max(noise, FINEST * ellipsoid.radius) ** 2 + 8.0 * half**2 / ((places + 1) * (places + 2))
+        ends = max(noise, MIN_NOISE * ellipsoid.radius) ** 2 + 8.0 * half**2 / ((places + 1) * (places + 2))
         covariance = np.zeros((9, 9))
         covariance[range(6), range(6)] = np.tile(ends, 2) / 2.0
-        strength = strength_of(half, self.variant)
+        strength = corrected_length(half, self.variant)
         return Estimate(ellipsoid, covariance, noise, self.LABELS[self.variant], strength=strength, estimator=self.name)
 
     def _by_inliers(self, readings: Readings) -> Estimate:
@@ -137,25 +137,25 @@ class MinMax:
             raise TooFewSamples(found=len(readings), needed=Robust.unknowns, method=f"{self.name} with trim")
         majority = Robust().estimate(readings)
         limit = majority.rejected_beyond
-        near = readings.near(majority.ellipsoid, limit).recording
+        near = readings.inliers(majority.ellipsoid, limit).recording
         if near is None:  # never, as there is a recording
             raise NeedsSamples(f"{self.name} with trim")
-        inliers = type(readings)(Summary.through(near), near)
+        inliers = type(readings)(Summary.of_recording(near), near)
         inliers.require(self.unknowns, self.name)
         return replace(
             self._by_extremes(inliers),
             used=len(inliers.summary),
             rejected_beyond=limit,
-            outliers=outliers_among(readings, majority.ellipsoid, limit, NO_RUN),
+            outliers=list_outliers(readings, majority.ellipsoid, limit, NO_RUN),
         )
 
 
-def spanned(low: Floats, high: Floats) -> Ellipsoid:
+def extremes_ellipsoid(low: Floats, high: Floats) -> Ellipsoid:
     """Ellipsoid with axes along those of the sensor that touches (3,) extremes on both sides."""
     return Ellipsoid((low + high) / 2.0, np.diag((high - low) / 2.0))
 
 
-def strength_of(half: Floats, variant: Variant) -> float:
+def corrected_length(half: Floats, variant: Variant) -> float:
     """Length of corrected readings from (3,) half-ranges."""
     return {"mean": float(half.mean()), "largest": float(half.max()), "full-range": HALF_RANGE_LENGTH}[variant]
 

@@ -17,7 +17,7 @@ not be known. Intervals are long enough for the field to move by about ten degre
 >>> flight = simulate.tumble(seed=1, motion="flight", n=1500)
 >>> swapped = dataclasses.replace(flight.samples, rate=flight.samples.rate[:, [1, 0, 2]] * [1, 1, -1])
 >>> sensor = flight.sensor
->>> mounted = by_rate(swapped, Ellipsoid(sensor.offset, flight.field_strength * sensor.matrix))
+>>> mounted = fit_gyro_axes(swapped, Ellipsoid(sensor.offset, flight.field_strength * sensor.matrix))
 >>> str(mounted.axes), mounted.unit, mounted.is_clear
 ('y,x,-z', 'rad/s', True)
 """
@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.core.axes import TURNS, Axes
+from flinders.core.axes import AXIS_ROTATIONS, Axes
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import dip, gyro
 
@@ -68,15 +68,15 @@ SCALES: Final = {
 }
 """Possible units of a column of rates, and their factors to rad/s."""
 
-EXPLAINED: Final = 0.5
+MAX_RATE_RESIDUAL: Final = 0.5
 """Largest residual of a gyro in the correct unit, relative to the motion of the field; no other unit is then tried."""
 
-REVERSED: Final = Axes(signs=(-1, -1, -1))
+REVERSED_AXES: Final = Axes(signs=(-1, -1, -1))
 """Mapping that reverses all axes."""
 
 
 @dataclass(frozen=True, slots=True)
-class Mounted:
+class MountingFit:
     """Axes and unit of an instrument that fit the magnetometer best."""
 
     # mapping from the magnetometer's axes to those of the instrument; a mirror image if one is left-handed
@@ -84,7 +84,7 @@ class Mounted:
     unit: str = RAD_S  # name in `SCALES`
     better: float = 1.0  # ratio of the residual as recorded to the best one; 1 if the recorded one is kept
     is_clear: bool = True  # whether no other equally simple mapping fits as well
-    misses: tuple[float, ...] = ()  # residual of each of `TURNS`, in the recorded unit
+    misses: tuple[float, ...] = ()  # residual of each of `AXIS_ROTATIONS`, in the recorded unit
     # residual of the best mapping of a gyro, relative to the motion of the field; 0 if not tested, or hardly moved
     left: float = 0.0
 
@@ -93,33 +93,33 @@ class Mounted:
         """Whether nothing fits much better than the recorded axes and unit."""
         return self.better == 1.0
 
-    def allows(self, axes: Axes) -> bool:
+    def is_allowed(self, axes: Axes) -> bool:
         """Whether a mapping fits about as well as the best one; a mirror image is taken with all axes reversed."""
         turn = axes.opposite if axes.is_mirror else axes
-        return not self.misses or self.misses[TURNS.index(turn)] <= MIN_IMPROVEMENT * min(self.misses)
+        return not self.misses or self.misses[AXIS_ROTATIONS.index(turn)] <= MIN_IMPROVEMENT * min(self.misses)
 
 
-def by_rate(samples: Samples, ellipsoid: Ellipsoid) -> Mounted:
+def fit_gyro_axes(samples: Samples, ellipsoid: Ellipsoid) -> MountingFit:
     """Unit and axes in which a gyro explains the motion of the field; the recorded ones unless others fit much better.
 
     `samples`: with time and rate; `ellipsoid`: that of the magnetometer alone; only its shape is used.
     """
     if samples.rate is None or samples.time is None:
-        return Mounted()
+        return MountingFit()
     free = _best_for_shape(samples, ellipsoid)
-    if free.left <= EXPLAINED:
+    if free.left <= MAX_RATE_RESIDUAL:
         return free
     return min(free, _best_for_shape(samples, _sphere(samples.field)), key=lambda one: one.left)
 
 
-def _best_for_shape(samples: Samples, ellipsoid: Ellipsoid) -> Mounted:
+def _best_for_shape(samples: Samples, ellipsoid: Ellipsoid) -> MountingFit:
     """Best unit and axes of a gyro for the shape of one ellipsoid."""
     first, last, rate, interval = _segments(samples, ellipsoid)
     if len(first) < MIN_INTERVALS:
-        return Mounted()
+        return MountingFit()
     still = float(np.sqrt(np.mean(np.sum((last - first) ** 2, axis=1))))
     misses = _rate_residuals(first, last, rate, interval, RAD_S)
-    if not misses[RAD_S, Axes()] <= min(EXPLAINED * still, MIN_IMPROVEMENT * min(misses.values())):
+    if not misses[RAD_S, Axes()] <= min(MAX_RATE_RESIDUAL * still, MIN_IMPROVEMENT * min(misses.values())):
         for unit in SCALES:
             misses |= _rate_residuals(first, last, rate, interval, unit)
     left = min(misses.values()) / max(still, 1e-300)
@@ -132,34 +132,34 @@ def _sphere(field: Floats) -> Ellipsoid:
     return Ellipsoid(middle, float(np.sqrt(np.mean(np.sum((field - middle) ** 2, axis=1)))) * np.eye(3))
 
 
-def by_vertical(samples: Samples, ellipsoid: Ellipsoid) -> Mounted:
-    """Axes in which the field has a constant angle to an accelerometer's vertical; parameters as in `by_rate`.
+def fit_accelerometer_axes(samples: Samples, ellipsoid: Ellipsoid) -> MountingFit:
+    """Axes in which the field has a constant angle to an accelerometer's vertical; parameters as in `fit_gyro_axes`.
 
     An accelerometer with all axes reversed is not distinguished, as the angle to an upward vertical is constant, too.
     """
     if samples.acceleration is None:
-        return Mounted()
-    down, trust = dip.verticals(samples.acceleration)
+        return MountingFit()
+    down, trust = dip.accelerometer_verticals(samples.acceleration)
     rows = np.flatnonzero(trust > 0.0)
     rows = rows[:: max(1, -(-len(rows) // MAX_INTERVALS))]
     if len(rows) < MIN_INTERVALS:
-        return Mounted()
+        return MountingFit()
     weight = np.sqrt(trust[rows] / trust[rows].mean())
     seen = _to_unit_sphere(samples.field[rows], ellipsoid)
-    heights = np.stack([np.einsum("ni,ni->n", down[rows], axes.apply(seen)) for axes in TURNS], axis=1)
+    heights = np.stack([np.einsum("ni,ni->n", down[rows], axes.apply(seen)) for axes in AXIS_ROTATIONS], axis=1)
     design = np.concatenate([down[rows], np.ones((len(rows), 1))], axis=1)
     left = _rms_residuals(design * weight[:, np.newaxis], heights * weight[:, np.newaxis])
-    return _choose_simplest({(RAD_S, axes): miss for axes, miss in zip(TURNS, left.tolist(), strict=True)})
+    return _choose_simplest({(RAD_S, axes): miss for axes, miss in zip(AXIS_ROTATIONS, left.tolist(), strict=True)})
 
 
-def second_axis(rate: Floats) -> float:
+def second_axis_ratio(rate: Floats) -> float:
     """Ratio of a body's rotation about its second principal axis to that about its first; 0 for one axis.
 
     Products of consecutive rates are used, which do not contain the gyro's white noise.
 
     `rate`: (N, 3) in rad/s, without the gyro's bias, in time order.
 
-    >>> second_axis(np.outer(np.linspace(-1, 1, 50), [0.0, 0.0, 1.0]))
+    >>> second_axis_ratio(np.outer(np.linspace(-1, 1, 50), [0.0, 0.0, 1.0]))
     0.0
     """
     about = rate[np.isfinite(rate).all(axis=1)]
@@ -175,27 +175,27 @@ def _rate_residuals(
     """Root mean square residual of the field's motion by a gyro, in one unit and each of the 48 permutations."""
     misses: dict[tuple[str, Axes], float] = {}
     for sign in (1, -1):
-        turned = gyro.integrated(sign * SCALES[unit] * rate, interval, np.zeros(3)).rotations[:, -1]
+        turned = gyro.integrate_rates(sign * SCALES[unit] * rate, interval, np.zeros(3)).rotations[:, -1]
         back = np.swapaxes(turned, 1, 2)
-        targets = [axes.apply(last) - np.einsum("wij,wj->wi", back, axes.apply(first)) for axes in TURNS]
+        targets = [axes.apply(last) - np.einsum("wij,wj->wi", back, axes.apply(first)) for axes in AXIS_ROTATIONS]
         design = (np.eye(3) - back).reshape(-1, 3)
         left = np.sqrt(3.0) * _rms_residuals(design, np.stack(targets, axis=-1).reshape(len(design), -1))
-        signed = TURNS if sign > 0 else [axes.opposite for axes in TURNS]
+        signed = AXIS_ROTATIONS if sign > 0 else [axes.opposite for axes in AXIS_ROTATIONS]
         misses |= {(unit, axes): miss for axes, miss in zip(signed, left.tolist(), strict=True)}
     return misses
 
 
-def _choose_simplest(misses: dict[tuple[str, Axes], float]) -> Mounted:
+def _choose_simplest(misses: dict[tuple[str, Axes], float]) -> MountingFit:
     """The recorded axes and unit, unless others fit much better: then the simplest of those with the best fit."""
     recorded, best = misses[RAD_S, Axes()], min(misses.values())
-    turned = tuple(misses[RAD_S, axes] for axes in TURNS)
+    turned = tuple(misses[RAD_S, axes] for axes in AXIS_ROTATIONS)
     if recorded <= MIN_IMPROVEMENT * best:
-        return Mounted(misses=turned)
+        return MountingFit(misses=turned)
     alike = [candidate for candidate, miss in misses.items() if miss <= MAX_EQUAL_RATIO * best]
     least = min(_deviation_rank(*candidate) for candidate in alike)
     plain = [candidate for candidate in alike if _deviation_rank(*candidate) == least]
     unit, axes = min(plain, key=lambda candidate: misses[candidate])
-    return Mounted(axes, unit, recorded / max(misses[unit, axes], 1e-12), len(plain) == 1, turned)
+    return MountingFit(axes, unit, recorded / max(misses[unit, axes], 1e-12), len(plain) == 1, turned)
 
 
 def _deviation_rank(unit: str, axes: Axes) -> int:
@@ -227,7 +227,7 @@ def _segments(samples: Samples, ellipsoid: Ellipsoid) -> tuple[Floats, Floats, F
     if samples.time is None or samples.rate is None:
         return segments
     for length in INTERVALS_S:
-        rows = gyro.windows(samples.time, samples.rate, window_s=length)
+        rows = gyro.window_rows(samples.time, samples.rate, window_s=length)
         rows = rows[:: max(1, -(-len(rows) // MAX_INTERVALS), -(-rows.size // MAX_READINGS))]
         if len(rows) < MIN_INTERVALS:
             continue

@@ -22,7 +22,7 @@ that of M. Kok, T. B. Schön, IEEE Sensors J. 16 (2016), eq. 1.
 >>> turned = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])      # from the second sensor to the first
 >>> first = 50.0 * q + [10.0, 0.0, -5.0] + rng.normal(scale=0.5, size=q.shape)
 >>> second = 40.0 * q @ turned + [0.0, 30.0, 0.0] + rng.normal(scale=0.5, size=q.shape)
->>> joint = solve(np.stack([first, second]))
+>>> joint = fit_sensors(np.stack([first, second]))
 >>> joint.parameters[1].rotation.round(2) + 0.0
 array([[ 0.,  1.,  0.],
        [-1.,  0.,  0.],
@@ -40,19 +40,19 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.errors import NotAnEllipsoid, TooFewSamples
-from flinders.estimators.auto import found_alone
+from flinders.estimators.auto import fit_alone
 from flinders.estimators.base import Estimate
 from flinders.estimators.covariance import Residuals
-from flinders.estimators.joint_covariance import projected
-from flinders.estimators.likelihood import spheres_about
+from flinders.estimators.joint_covariance import eliminate_directions
+from flinders.estimators.likelihood import start_spheres
 from flinders.geometry.ellipsoid import Ellipsoid
-from flinders.geometry.rotation import across
+from flinders.geometry.rotation import perpendicular_vectors
 from flinders.likelihood import prior
 from flinders.likelihood.identifiability import Support
-from flinders.likelihood.observations import inverse_of
+from flinders.likelihood.observations import inverse_matrices
 from flinders.likelihood.parameters import Parameters
 from flinders.likelihood.sensors import SensorProblem, Sensors
-from flinders.likelihood.solver import bias_corrected, levenberg_marquardt
+from flinders.likelihood.solver import correct_bias, levenberg_marquardt
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -90,12 +90,12 @@ MAX_OUTLIER_ROUNDS: Final = 6
 MIN_INLIER_SHARE: Final = 0.5
 """Smallest fraction of inliers of a sensor; with fewer, no reading is rejected, and its noise estimate grows."""
 
-FEWEST: Final = 24
+MIN_TIMES: Final = 24
 """Smallest number of times with two readings or more."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Several:
+class MultiSensorFit:
     """Result of a joint fit of several magnetometers."""
 
     # of each sensor; `rotation` is from its axes to those of the reference, with determinant −1 for a mirror image
@@ -126,7 +126,7 @@ class Several:
     def corrected(self, sensor: int, field: Floats) -> Floats:
         """Correct (N, 3) readings of a sensor to fields of unit length in the axes of the reference."""
         at = self.parameters[sensor]
-        turned: Floats = (field - at.offset) @ np.linalg.inv(at.ellipsoid_like).T
+        turned: Floats = (field - at.offset) @ np.linalg.inv(at.rotated_shape).T
         return turned
 
     def estimate(self, sensor: int) -> Estimate:
@@ -144,13 +144,13 @@ class Several:
         )
 
 
-def solve(
+def fit_sensors(
     fields: Floats,
     *,
     reference: int = 0,
     starts: Sequence[Estimate | None] | None = None,
-    spread: float = prior.SPREAD,
-) -> Several:
+    spread: float = prior.SOFT_IRON_SPREAD,
+) -> MultiSensorFit:
     """Fit several magnetometers of one body.
 
     Raises `TooFewSamples` for too few times; `NotAnEllipsoid` if no step leads to closed surfaces.
@@ -167,9 +167,9 @@ def solve(
         Spread of the prior of each shape, see `flinders.likelihood.prior`.
     """
     shared = np.count_nonzero(np.isfinite(fields[:, :, 0]).sum(axis=0) > 1)
-    if shared < FEWEST:
-        raise TooFewSamples(found=int(shared), needed=FEWEST, method="together")
-    alone = [found_alone(field) for field in fields] if starts is None else list(starts)
+    if shared < MIN_TIMES:
+        raise TooFewSamples(found=int(shared), needed=MIN_TIMES, method="together")
+    alone = [fit_alone(field) for field in fields] if starts is None else list(starts)
     few = fields[:, :: max(1, fields.shape[1] // MAX_START_TIMES)]
     iterates = [_solve_from(few, reference, begin, spread) for begin in _start_parameters(few, reference, alone)]
     best = min((iterate for iterate in iterates if iterate is not None), key=_misfit, default=None)
@@ -223,7 +223,7 @@ def _start_parameters(fields: Floats, reference: int, alone: Sequence[Estimate |
         ]
         yield _fit_rotations(fields, reference, mapped)
         return
-    for ellipsoid in spheres_about(fields[reference]):
+    for ellipsoid in start_spheres(fields[reference]):
         others = [
             ellipsoid if sensor == reference else _map_ellipsoid(fields[reference], ellipsoid, field)
             for sensor, field in enumerate(fields)
@@ -312,10 +312,10 @@ def _inliers(problem: SensorProblem, iterate: SensorIterate) -> NDArray[np.bool_
 
 def _compute_claims(
     problem: SensorProblem, iterate: SensorIterate, alone: Sequence[Estimate | None], reference: int
-) -> Several:
+) -> MultiSensorFit:
     """Subtract the bias by the sphere's curvature, and compute the claims."""
-    iterate, equations = bias_corrected(
-        problem, iterate, observed=lambda now, plain: _support(problem, now, plain.matrix).keep(plain)
+    iterate, equations = correct_bias(
+        problem, iterate, observed=lambda now, plain: _support(problem, now, plain.matrix).remove_unobservable(plain)
     )
     support = _support(problem, iterate, equations.matrix)
     textbook = replace(equations.prior, matrix=support.information + equations.prior.matrix).inverse()
@@ -324,8 +324,8 @@ def _compute_claims(
         before.influence(at, textbook[columns, columns][:9, :9])
         for at, before, columns in zip(iterate.at.each, problem.priors, problem.layout.columns, strict=True)
     ]
-    covariance = textbook @ (equations.prior.matrix + excess_variance * support.projected(scatter)) @ textbook
-    return Several(
+    covariance = textbook @ (equations.prior.matrix + excess_variance * support.project(scatter)) @ textbook
+    return MultiSensorFit(
         iterate.at.each, reference, problem.layout.columns, 0.5 * (covariance + covariance.T), textbook,
         iterate.weights, iterate.directions[0], iterate.groups[0].inliers,
         np.array(prior_influence), support.unobserved, excess_variance,
@@ -340,7 +340,9 @@ def _support(problem: SensorProblem, iterate: SensorIterate, matrix: Floats) -> 
 def _thin(iterate: SensorIterate, most: int) -> tuple[SensorIterate, int]:
     """The iterate with about `most` times, spread evenly, and the stride."""
     stride = max(1, len(iterate.directions[0]) // most)
-    some = replace(iterate, groups=(iterate.groups[0].every(stride),), directions=(iterate.directions[0][::stride],))
+    some = replace(
+        iterate, groups=(iterate.groups[0].thin_windows(stride),), directions=(iterate.directions[0][::stride],)
+    )
     return some, stride
 
 
@@ -357,16 +359,19 @@ def _spurious_information(problem: SensorProblem, iterate: SensorIterate) -> Flo
     some, stride = _thin(iterate, MAX_INFORMATION_TIMES)
     rows = _rows(problem, some, some.directions[0])
     along = np.stack(
-        [_rows(problem, some, tangent).jacobian for tangent in np.moveaxis(across(some.directions[0]), -1, 0)]
+        [
+            _rows(problem, some, tangent).jacobian
+            for tangent in np.moveaxis(perpendicular_vectors(some.directions[0]), -1, 0)
+        ]
     )
-    inverse = inverse_of(np.einsum("wkna,wknb->wab", rows.own, rows.own))
+    inverse = inverse_matrices(np.einsum("wkna,wknb->wab", rows.own, rows.own))
     root = np.linalg.cholesky(inverse + 1e-300 * np.eye(2))
     for columns in problem.layout.columns:  # the Jacobian of an offset is 1 for any direction
         along[..., columns.start : columns.start + 3] = 0.0
     total = np.zeros((problem.layout.size, problem.layout.size))
     for axis in range(2):
         noisy = np.einsum("wa,awknp->wknp", root[:, :, axis], along)
-        left = projected(replace(rows, jacobian=noisy))[0].reshape(-1, problem.layout.size)
+        left = eliminate_directions(replace(rows, jacobian=noisy))[0].reshape(-1, problem.layout.size)
         total += left.T @ left
     return float(stride) * total
 
@@ -380,7 +385,7 @@ def _scatter(
     at least as much larger as in its own estimate, which includes distortions by direction.
     """
     some, stride = _thin(iterate, MAX_CORRELATION_TIMES)
-    jacobian, residual = projected(_rows(problem, some, some.directions[0]))
+    jacobian, residual = eliminate_directions(_rows(problem, some, some.directions[0]))
     size = problem.layout.size
     total = np.zeros((size, size))
     for sensor, own in enumerate(alone):

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flinders.core.joining import joined
-from flinders.core.samples import Samples, Wrapped
+from flinders.core.joining import join_recordings
+from flinders.core.samples import RecordingWrapper, Samples
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class AtOneStrength(Wrapped):
+class AtOneStrength(RecordingWrapper):
     """A recording scaled to the mean strength H of a varying field H_k: x₀ + (x − x₀) H/H_k about a centre x₀.
 
     The result is on one ellipsoid; its noise is larger where the field is weak.
@@ -40,7 +40,7 @@ class AtOneStrength(Wrapped):
                 yield replace(known, field=self.centre + (known.field - self.centre) * ratio, strength=None)
 
 
-def at_one_strength(readings: Readings, estimate: Estimate) -> Readings:
+def scale_to_one_strength(readings: Readings, estimate: Estimate) -> Readings:
     """Scale readings to one strength if an estimate follows a varying strength; otherwise unchanged.
 
     The quality statistics, such as repeats and rails, stay those of the recording.
@@ -48,6 +48,8 @@ def at_one_strength(readings: Readings, estimate: Estimate) -> Readings:
     if estimate.follows != "varying" or readings.recording is None or estimate.strength is None:
         return readings
     centre, mean = estimate.ellipsoid.centre, estimate.strength
-    parts = [AtOneStrength(part.recording, centre, mean) for part in readings.each if part.recording is not None]
-    alike = type(readings).of(joined(parts))
+    parts = [
+        AtOneStrength(part.recording, centre, mean) for part in readings.single_recordings if part.recording is not None
+    ]
+    alike = type(readings).of(join_recordings(parts))
     return replace(alike, summary=Summary(alike.summary.moments, alike.summary.cloud, readings.summary.health))

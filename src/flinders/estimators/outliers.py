@@ -8,7 +8,7 @@ drops bits, do not affect their neighbours. Therefore a run begins where more of
 >>> from flinders.core.samples import Samples
 >>> field = np.array([[50.0, 0, 0], [0, 90.0, 0], [0, 80.0, 0], [0, 0, 50.0]])
 >>> sphere = Ellipsoid(np.zeros(3), 50.0 * np.eye(3))
->>> outliers_of([Samples(field, time=np.arange(4.0))], sphere, 5.0)
+>>> outlier_runs([Samples(field, time=np.arange(4.0))], sphere, 5.0)
 [Outlier(first=2, last=3, readings=2, start_s=1.0, end_s=2.0, max_distance=40.0, independent=2)]
 """
 
@@ -27,7 +27,7 @@ from flinders.core.samples import Samples
 from flinders.findings.words import outlier_run
 from flinders.likelihood import magnitude
 from flinders.native.engine import engine
-from flinders.native.layouts import OUTLIER, constant
+from flinders.native.layouts import OUTLIER, enum_value
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -39,16 +39,16 @@ if TYPE_CHECKING:
     from flinders.estimators.rests import Rests
     from flinders.geometry.ellipsoid import Ellipsoid
 
-WINDOW: Final = constant("WINDOW")
+WINDOW_READINGS: Final = enum_value("WINDOW")
 """Length of the window for runs in readings: a fifth of a second at 50 Hz, less than a magnet takes to pass."""
 
-MARGIN: Final = constant("MARGIN")
+MARGIN_READINGS: Final = enum_value("MARGIN")
 """Readings before and after a run that are left out, too: half a second at 50 Hz, in which a magnet's field fades."""
 
-NO_RUN: Final = constant("NO_RUN")
+NO_RUN: Final = enum_value("NO_RUN")
 """Value of `dense` that is larger than a window, for outliers without runs."""
 
-_REACH_READINGS: Final = MARGIN + WINDOW // 2
+_REACH_READINGS: Final = MARGIN_READINGS + WINDOW_READINGS // 2
 """Number of readings before and after a reading that affect whether it is left out."""
 
 
@@ -80,20 +80,20 @@ class Outlier:
         return outlier_run(self.first, self.last, self.readings, self.start_s, self.end_s, self.independent)
 
 
-def outliers_among(readings: Readings, ellipsoid: Ellipsoid, limit: float, dense: int) -> tuple[Outlier, ...]:
+def list_outliers(readings: Readings, ellipsoid: Ellipsoid, limit: float, dense: int) -> tuple[Outlier, ...]:
     """Runs of readings that `Readings.near` leaves out, numbered over all recordings."""
     outliers: list[Outlier] = []
     first_row = 1
-    for part in readings.each:
+    for part in readings.single_recordings:
         if part.recording is not None:
             whole = part.recording
             blocks = [whole] if readings.rests and isinstance(whole, Samples) else whole.blocks()
-            outliers += outliers_of(blocks, ellipsoid, limit, dense, first_row=first_row, rests=readings.rests)
+            outliers += outlier_runs(blocks, ellipsoid, limit, dense, first_row=first_row, rests=readings.rests)
         first_row += len(part) if readings.rests else len(part.summary)
     return tuple(outliers)
 
 
-def outliers_of(
+def outlier_runs(
     blocks: Iterable[Samples],
     ellipsoid: Ellipsoid,
     limit: float,
@@ -109,7 +109,7 @@ def outliers_of(
     blocks : iterable of Samples
         Blocks of the recording.
     ellipsoid, limit, dense
-        See `left_out`; by default only readings beyond the limit are left out.
+        See `mark_outliers`; by default only readings beyond the limit are left out.
     first_row : int
         Number of the first reading.
     rests : Rests, optional
@@ -117,7 +117,7 @@ def outliers_of(
         those of the original.
     """
     runs = np.empty(0, OUTLIER)
-    for block, distances, out in left_out(blocks, ellipsoid, limit, dense):
+    for block, distances, out in mark_outliers(blocks, ellipsoid, limit, dense):
         rows = np.arange(first_row - 1, first_row - 1 + len(block))
         if out.any():
             runs = engine().list_outliers(runs, distances, out, *_rows_and_times(rows, block.time, rests))
@@ -135,23 +135,23 @@ def _rows_and_times(
     return (first, last), None if rests.time is None else (rests.time[first], rests.time[last])
 
 
-def with_runs(far: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def extend_to_runs(far: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """(N,) outliers from (N,) `far`: far readings, and all readings in or near a run of far ones."""
-    return engine().left_out(far, dense_in(far, len(far)))
+    return engine().mark_outliers(far, min_run_readings(far, len(far)))
 
 
-def dense_in(far: NDArray[np.bool_], rows: int) -> int:
+def min_run_readings(far: NDArray[np.bool_], rows: int) -> int:
     """Smallest number of far readings in a window that make a run, from (N,) `far`, whether each reading is far.
 
     The rate of far readings by chance is that outside of runs, so obvious runs are removed before counting.
 
-    >>> dense_in(np.arange(500) % 500 == 9, 500), dense_in(np.arange(500) % 3 == 0, 500) == NO_RUN
+    >>> min_run_readings(np.arange(500) % 500 == 9, 500), min_run_readings(np.arange(500) % 3 == 0, 500) == NO_RUN
     (3, True)
     """
-    return engine().dense(far, rows)
+    return engine().min_run_readings(far, rows)
 
 
-def left_out(
+def mark_outliers(
     blocks: Iterable[Samples], ellipsoid: Ellipsoid, limit: float, dense: int
 ) -> Iterator[tuple[Samples, Floats, NDArray[np.bool_]]]:
     """Yield each block of a recording with (m,) distances from a surface and (m,) whether readings are left out.
@@ -170,14 +170,14 @@ def left_out(
             known = np.concatenate([known, np.abs(magnitude.distances(following.field, ellipsoid))])
         here = slice(_REACH_READINGS, _REACH_READINGS + len(block))
         far = known[:needed] > limit
-        yield block, known[here], engine().left_out(far, dense)[here]
+        yield block, known[here], engine().mark_outliers(far, dense)[here]
         known = known[len(block) :]
 
 
-def within(margin: int, some: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def is_near(margin: int, some: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """(N,) whether each reading is at most `margin` rows from a true one in (N,) `some`.
 
-    >>> within(1, np.arange(6) == 4).tolist()
+    >>> is_near(1, np.arange(6) == 4).tolist()
     [False, False, False, True, True, True]
     """
     reach = np.convolve(some, np.ones(2 * margin + 1))[margin : margin + len(some)]

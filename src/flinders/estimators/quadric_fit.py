@@ -6,7 +6,7 @@ constraints are written as c = fixed + free·z, and z is estimated by least squa
 >>> from flinders.estimators.data import Readings
 >>> corners = np.array([[1, 1, 1], [1, 1, -1], [1, -1, 1], [-1, 1, 1], [-1, -1, 1], [-1, 1, -1], [1, -1, -1.0]])
 >>> frame = Frame.of(Readings.of(10.0 * corners + [1.0, 2.0, 3.0]))
->>> frame.placed(constrained(frame.scatter, ENTRIES["sphere"]), "sphere").centre.round(6)
+>>> frame.placed(fit_constrained(frame.scatter, CONSTRAINT_BASES["sphere"]), "sphere").centre.round(6)
 array([1., 2., 3.])
 """
 
@@ -18,14 +18,14 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 from flinders.estimators.base import Estimate
-from flinders.estimators.covariance import EVERYTHING, algebraic_covariance, algebraic_noise
+from flinders.estimators.covariance import FULL_BASIS, algebraic_covariance, algebraic_noise
 from flinders.geometry.ellipsoid import Ellipsoid
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.estimators.data import Readings
 
-ENTRIES: Final[dict[str, Floats]] = {
+CONSTRAINT_BASES: Final[dict[str, Floats]] = {
     "free": np.eye(6),
     "aligned": np.eye(6)[:, :3],
     "xy": np.eye(6)[:, [0, 2]] + np.eye(6)[:, [1, 1]] * [1.0, 0.0],
@@ -54,7 +54,7 @@ class Frame:
         scale = moments.spread if scale is None else scale
         return cls(origin, scale, moments.about(origin, scale))
 
-    def placed(self, coefficients: Floats, method: str) -> Ellipsoid:
+    def to_ellipsoid(self, coefficients: Floats, method: str) -> Ellipsoid:
         """Ellipsoid of (10,) coefficients in this frame, in the unit of the readings.
 
         Raises `NotAnEllipsoid` if the quadric is open.
@@ -69,7 +69,7 @@ def least_squares(scatter: Floats, fixed: Floats, free: Floats) -> Floats:
     return coefficients
 
 
-def constrained(scatter: Floats, entries: Floats, *, centred: bool = False) -> Floats:
+def fit_constrained(scatter: Floats, entries: Floats, *, centred: bool = False) -> Floats:
     """(10,) coefficients that minimise cᵀMc with tr Q = 3, for a (6, k) basis of Q; l = 0 if `centred`."""
     trace = _TRACE @ entries
     traceless = entries[:, 1:] - entries[:, :1] * (trace[1:] / trace[0])
@@ -79,7 +79,7 @@ def constrained(scatter: Floats, entries: Floats, *, centred: bool = False) -> F
     return least_squares(scatter, np.append(_TRACE, np.zeros(4)), free)
 
 
-def claimed(readings: Readings, ellipsoid: Ellipsoid, method: str, basis: Floats = EVERYTHING) -> Estimate:
+def make_estimate(readings: Readings, ellipsoid: Ellipsoid, method: str, basis: Floats = FULL_BASIS) -> Estimate:
     """Make the estimate of a fit that minimises Σ q(x)² over parameters with a (9, k) basis."""
     noise = algebraic_noise(readings, ellipsoid, basis.shape[1])
     return Estimate(ellipsoid, algebraic_covariance(readings, ellipsoid, noise, basis), noise, method)

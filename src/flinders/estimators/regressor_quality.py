@@ -218,13 +218,13 @@ def _max_white_noise(values: Floats) -> float:
     return robust_sigma(bends) ** 2 / 6.0 if len(bends) else 0.0
 
 
-def rounding(values: Floats, name: str = "") -> tuple[float, NDArray[np.intp]]:
+def rounding_variance(values: Floats, name: str = "") -> tuple[float, NDArray[np.intp]]:
     """Variance of the rounding of (N,) values of a disturbance, and (N,) the index of each constant stretch.
 
     The resolution is the smallest difference of two values. A rounding error is about constant while the value is.
     A column of two values, with a `name` in the log, has two states, which are exact.
 
-    >>> rounding(np.array([1.0, 3.0, 3.0, 4.0, 9.0]))
+    >>> rounding_variance(np.array([1.0, 3.0, 3.0, 4.0, 9.0]))
     (0.08333333333333333, array([0, 1, 1, 2, 3]))
     """
     steps = np.diff(np.unique(values[np.isfinite(values)]))
@@ -248,12 +248,12 @@ def _noise_in_window(window: int, values: Floats, residuals: Floats, sensitivity
     return Noise(missing / slow, size * float(np.std(residuals)) / np.sqrt(square) / slow)
 
 
-def pooled(noises: Sequence[Noise]) -> list[Noise]:
+def pool_noise(noises: Sequence[Noise]) -> list[Noise]:
     """Common noise of meters of one kind, if it is significant and they agree; otherwise unchanged.
 
-    >>> [round(noise.variance, 2) for noise in pooled([Noise(0.9, 0.2), Noise(0.6, 0.2), Noise(1.1, 0.4)])]
+    >>> [round(noise.variance, 2) for noise in pool_noise([Noise(0.9, 0.2), Noise(0.6, 0.2), Noise(1.1, 0.4)])]
     [0.79, 0.79, 0.79]
-    >>> pooled([Noise(0.9, 0.1), Noise(0.0, 0.1)])
+    >>> pool_noise([Noise(0.9, 0.1), Noise(0.0, 0.1)])
     [Noise(variance=0.9, sigma=0.1, own=inf), Noise(variance=0.0, sigma=0.1, own=inf)]
     """
     usable = [noise for noise in noises if noise.sigma > 0.0]
@@ -277,7 +277,9 @@ class RegressorError(NamedTuple):
     root: Floats
 
 
-def widened(covariance: Floats, inverse: Floats, coefficients: Floats, meters: Sequence[RegressorError]) -> Floats:
+def widen_covariance(
+    covariance: Floats, inverse: Floats, coefficients: Floats, meters: Sequence[RegressorError]
+) -> Floats:
     """(K, K) covariance of an estimate about the truth, including the errors of the meters.
 
     Significant noise changes all parameters together, as in the module's formula, with an independent uncertainty for
@@ -300,7 +302,7 @@ def widened(covariance: Floats, inverse: Floats, coefficients: Floats, meters: S
     Half of the information on the only parameter is noise:
 
     >>> half = RegressorError(Noise(1.0, 0.0), 0.0, np.array([[1.0]]))
-    >>> widened(np.array([[0.01]]), np.array([[0.5]]), np.array([3.0]), [half])
+    >>> widen_covariance(np.array([[0.01]]), np.array([[0.5]]), np.array([3.0]), [half])
     array([[9.04]])
     """
     shown = [np.sqrt(meter.noise.variance) * meter.root for meter in meters if meter.noise.is_proven]
@@ -353,7 +355,7 @@ def collinearity(values: Floats, others: Floats) -> float:
     return min(max(1.0 - float(left @ left) / total, 0.0), 1.0)
 
 
-def shared(jacobian: Floats, regressors: Floats) -> float:
+def shared_information(jacobian: Floats, regressors: Floats) -> float:
     """Largest fraction of the information on a disturbance that offset and shape could explain, 0 to 1.
 
     It is the largest squared canonical correlation between the (N, 3) columns of a disturbance, relative to its mean,
@@ -361,7 +363,7 @@ def shared(jacobian: Floats, regressors: Floats) -> float:
 
     >>> rng = np.random.default_rng(1)
     >>> ellipsoid = rng.normal(size=(500, 9))
-    >>> round(shared(ellipsoid, ellipsoid[:, :3]), 1), round(shared(ellipsoid, rng.normal(size=(500, 3))), 1)
+    >>> round(shared_information(ellipsoid, ellipsoid[:, :3]), 1), round(shared_information(ellipsoid, rng.normal(size=(500, 3))), 1)
     (1.0, 0.0)
     """
     ours, _ = np.linalg.qr(jacobian / _column_lengths(jacobian))

@@ -3,7 +3,7 @@
 >>> from flinders.core.samples import Samples
 >>> time = np.arange(40) / 10.0
 >>> one = Samples.of(np.ones((40, 3)), time=time, current=10.0 * time)
->>> logged = Logged.of([one], ("current",))
+>>> logged = LoggedDisturbances.of([one], ("current",))
 >>> logged.values["current"][:3], logged.lagged("current", 0.1)[:3]
 (array([0., 1., 2.]), array([0., 0., 1.]))
 >>> logged.split()
@@ -35,7 +35,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from flinders.core.disturbance import MOTORS, Disturbance, is_column, known, lagged, place_of
+from flinders.core.disturbance import MOTORS, Disturbance, is_column, kind_of, lagged_values, sort_key
 from flinders.errors import InputError, TooFewSamples
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ class Track:
         places = np.arange((len(values) - 1) * POINTS_PER_READING + 1) / POINTS_PER_READING
         reach = int(KERNEL_SIGMAS * KERNEL_SIGMA * POINTS_PER_READING)
         kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / (KERNEL_SIGMA * POINTS_PER_READING)) ** 2)
-        between = np.pad(np.interp(places, readings, lagged(values, time, 0.0)), reach, mode="edge")
+        between = np.pad(np.interp(places, readings, lagged_values(values, time, 0.0)), reach, mode="edge")
         smooth = np.convolve(between, kernel / kernel.sum(), mode="valid")
         return cls(np.interp(places, readings, time), smooth)
 
@@ -129,7 +129,7 @@ class DisturbanceEstimate:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Logged:
+class LoggedDisturbances:
     """Field and disturbances of several recordings, concatenated and thinned."""
 
     field: Floats  #: (N, 3)
@@ -144,7 +144,7 @@ class Logged:
         readings than `MIN_READINGS`.
         """
         names = tuple(
-            sorted(expand_names(recordings, names), key=place_of)
+            sorted(expand_names(recordings, names), key=sort_key)
         )  # the order of a calibration's disturbances
         wholes = [RecordedColumns.of(recording, names) for recording in recordings]
         total = sum(len(part.field) for part in wholes)
@@ -224,7 +224,7 @@ class RecordedColumns:
         blocks: list[Samples] = [block for block in recording.blocks() if len(block)]
         columns: dict[str, Floats] = {}
         for name in names:
-            pieces = [piece for block in blocks if (piece := block.driving(name)) is not None]
+            pieces = [piece for block in blocks if (piece := block.disturbance_values(name)) is not None]
             if not blocks or len(pieces) < len(blocks) or not np.isfinite(np.concatenate(pieces)).any():
                 raise InputError(
                     _missing_column_message(recording.source, name, blocks[0].disturbances if blocks else ())
@@ -236,7 +236,7 @@ class RecordedColumns:
 
     def lagged(self, name: str, lag_s: float) -> Floats:
         """(M / stride,) values of a disturbance `lag_s` earlier."""
-        return lagged(self.columns[name], self.time, lag_s)[:: self.stride]
+        return lagged_values(self.columns[name], self.time, lag_s)[:: self.stride]
 
 
 def expand_names(recordings: Sequence[Recording], names: Sequence[str]) -> tuple[str, ...]:
@@ -254,7 +254,7 @@ def expand_names(recordings: Sequence[Recording], names: Sequence[str]) -> tuple
     for name in names:
         kind = next((kind for kind, many in MOTORS.items() if many == name), None)
         if kind is None:
-            known(name)
+            kind_of(name)
             columns.append(name)
             continue
         for recording in recordings:
@@ -275,4 +275,4 @@ def _missing_column_message(source: str, name: str, there: Sequence[str]) -> str
 def _has_changed(name: str, values: Floats) -> bool:
     """Whether a disturbance changed enough to be estimated."""
     low, high = np.nanquantile(values, [0.02, 0.98])
-    return bool(high - low > known(name).least)
+    return bool(high - low > kind_of(name).least)

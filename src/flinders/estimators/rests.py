@@ -99,7 +99,7 @@ class Rests:
             for begin, end in self.bounds.tolist()
         )
 
-    def fitted(self, samples: Samples) -> Samples:
+    def average(self, samples: Samples) -> Samples:
         """Readings of the recording for a fit."""
         if self.are_left_out:
             return samples[self.begins]

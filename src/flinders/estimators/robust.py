@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Final
 
 from flinders.estimators.base import Method, check_prior
-from flinders.estimators.likelihood import estimated, recorded
+from flinders.estimators.likelihood import estimate_from_record, fit_record
 from flinders.likelihood import prior
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ class Robust:
     array([ 20., 120.,  90.])
     """
 
-    prior: float | None = prior.SPREAD
+    prior: float | None = prior.SOFT_IRON_SPREAD
 
     name: ClassVar[str] = "robust"
     unknowns: ClassVar[int] = (
@@ -70,8 +70,8 @@ class Robust:
         determine all parameters, and there is no prior; `NeedsSamples` if only sums were given.
         """
         readings.require(self.unknowns, self.name)
-        fitted = readings.fitted()
-        return estimated(recorded(fitted, self.prior, robust=2, level=0), fitted, has_statistics=True)
+        fitted = readings.for_fit()
+        return estimate_from_record(fit_record(fitted, self.prior, robust=2, level=0), fitted, has_statistics=True)
 
 
 METHOD: Final = Method(

@@ -17,7 +17,7 @@ Source: CompassMot of ArduPilot, by regression instead of its filter.
 >>> rng = np.random.default_rng(1)
 >>> current = 10.0 - 10.0 * np.cos(np.linspace(0.0, 20.0, 400))
 >>> field = [20.0, -5.0, 43.0] + np.outer(current, [0.5, 0.0, -0.3]) + rng.normal(scale=0.2, size=(400, 3))
->>> bench = still([Samples.of(field, unit="uT", current=current)], ["current"])
+>>> bench = fit_still([Samples.of(field, unit="uT", current=current)], ["current"])
 >>> bench.disturbances[0].per_unit.round(2) + 0.0, round(bench.noise, 1), bench.findings
 (array([ 0.5,  0. , -0.3]), 0.2, ())
 """
@@ -30,9 +30,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.core.disturbance import Disturbance
-from flinders.errors import counted
+from flinders.errors import count_text
 from flinders.estimators.covariance import Residuals
-from flinders.estimators.disturbance_problem import WEAK
+from flinders.estimators.disturbance_problem import EFFECT_SIGMA
 from flinders.estimators.regressor_quality import (
     RegressorError,
     attenuation,
@@ -40,12 +40,19 @@ from flinders.estimators.regressor_quality import (
     curvature,
     monotonicity,
     noise_of,
-    rounding,
-    widened,
+    rounding_variance,
+    widen_covariance,
 )
-from flinders.estimators.regressors import DisturbanceEstimate, Logged
-from flinders.estimators.time_delay import Shifted, grid_of, lagging, profile, proven_lags, scattered
-from flinders.findings import Finding, found_in
+from flinders.estimators.regressors import DisturbanceEstimate, LoggedDisturbances
+from flinders.estimators.time_delay import (
+    ShiftedDepartures,
+    lag_grid,
+    lag_groups,
+    search_lag,
+    significant_lags,
+    with_sigma,
+)
+from flinders.findings import Finding, findings_in
 from flinders.likelihood.equations import NormalEquations
 
 if TYPE_CHECKING:
@@ -70,7 +77,7 @@ MIN_STEP_SHARE: Final = 0.25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Still:
+class StillSensor:
     """Disturbances of a sensor that is not turned."""
 
     #: without a gain, because scale and offset cannot be distinguished for a sensor that is not turned
@@ -86,14 +93,14 @@ class Still:
     #: tilt of the vertical over the range of a disturbance, by an accelerometer; 0 without one, or if not significant
     tilted_deg: float = 0.0
 
-    def with_states(self, states: Mapping[str, tuple[str, ...]]) -> Still:
+    def with_states(self, states: Mapping[str, tuple[str, ...]]) -> StillSensor:
         """A copy with the words of columns of states, by the name of the column."""
         disturbances = tuple(one.with_states(states.get(one.name, ())) for one in self.disturbances)
         estimates = zip(self.estimates, disturbances, strict=True)
         worded = tuple(replace(estimate, disturbance=one) for estimate, one in estimates)
         return replace(self, disturbances=disturbances, estimates=worded)
 
-    def onto(self, calibration: Calibration) -> Calibration:
+    def add_to(self, calibration: Calibration) -> Calibration:
         """Add these disturbances to a calibration of the same sensor, which keeps its other disturbances."""
         names = {disturbance.name for disturbance in self.disturbances}
         proven_lags = tuple(disturbance for disturbance in calibration.disturbances if disturbance.name not in names)
@@ -103,10 +110,10 @@ class Still:
     def findings(self) -> tuple[Finding, ...]:
         """Findings about this bench: a sensor that moved, once or with a disturbance."""
         record = {"step": self.step, "noise": self.noise, "tilted_deg": self.tilted_deg}
-        return tuple(found_in(record, "bench-moved", "bench-tilted"))
+        return tuple(findings_in(record, "bench-moved", "bench-tilted"))
 
 
-def still(recordings: Sequence[Recording], names: Sequence[str]) -> Still | None:
+def fit_still(recordings: Sequence[Recording], names: Sequence[str]) -> StillSensor | None:
     """Estimate the disturbances of a sensor that was not turned; None if it was turned.
 
     The residuals show whether the sensor was still: those of a turn are much larger than noise.
@@ -120,10 +127,10 @@ def still(recordings: Sequence[Recording], names: Sequence[str]) -> Still | None
     names : sequence of str
         ``current``, ``throttle``, ``temperature``, or other columns.
     """
-    logged = Logged.of(recordings, tuple(names))
+    logged = LoggedDisturbances.of(recordings, tuple(names))
     moving, constant = logged.split()
     lags = _best_lags(logged, moving)
-    seconds = proven_lags(lags)
+    seconds = significant_lags(lags)
     departures = logged.departures(moving, seconds)
     left, _, design = _regress(logged.field, departures)
     noise = float(np.sqrt(np.sum(left**2) / (3.0 * max(len(left) - design.shape[1], 1))))
@@ -142,16 +149,16 @@ def still(recordings: Sequence[Recording], names: Sequence[str]) -> Still | None
     )
     covariance = _add_meter_errors(logged, departures, left, disturbances, _covariance(left, design, believed))
     tilted = _tilted_deg(_accelerations(recordings, logged), departures)
-    return Still(disturbances, covariance, noise, made, constant, estimates, _largest_step(left), tilted)
+    return StillSensor(disturbances, covariance, noise, made, constant, estimates, _largest_step(left), tilted)
 
 
-def described(still: Still, unit: str) -> str:
+def still_message(still: StillSensor, unit: str) -> str:
     """Message that the sensor was not turned, with its consequences."""
     names = " and ".join(disturbance.name for disturbance in still.disturbances)
     return (
         f"the sensor was not turned in this recording: {names} changed its readings by "
         f"{still.moved:.3g} {unit} (rms), and the residual noise of each axis is {still.noise:.2g} {unit}; "
-        f"this gives {counted(len(still.disturbances), 'disturbance')}, but no offset or matrix"
+        f"this gives {count_text(len(still.disturbances), 'disturbance')}, but no offset or matrix"
     )
 
 
@@ -164,11 +171,11 @@ def _is_still(readings: Floats, noise: float) -> bool:
     return scatter <= MAX_STILL_RESIDUAL * length or noise**2 < (1.0 - MIN_EXPLAINED_SHARE) * scatter**2
 
 
-def _smoothed_residual(logged: Logged, names: tuple[str, ...]) -> float:
+def _smoothed_residual(logged: LoggedDisturbances, names: tuple[str, ...]) -> float:
     """Residual of an axis, 1 σ, with smoothed columns, which removes the noise of meters; infinite without times."""
     if not (names and logged.is_timed):
         return np.inf
-    left, _, design = _regress(logged.field, Shifted(logged, names, (), {})(0.0))
+    left, _, design = _regress(logged.field, ShiftedDepartures(logged, names, (), {})(0.0))
     return float(np.sqrt(np.sum(left**2) / (3.0 * max(len(left) - design.shape[1], 1))))
 
 
@@ -182,7 +189,7 @@ def _regress(readings: Floats, departures: Floats) -> tuple[Floats, Floats, Floa
 def _prior_precision(readings: Floats, departures: Floats) -> Floats:
     """(K + 1, K + 1) precision of the prior of the slopes: effects of disturbances are no larger than the readings."""
     length = max(float(np.linalg.norm(readings.mean(axis=0))), np.finfo(float).tiny)
-    return np.diag(np.append((np.abs(departures).max(axis=0, initial=0.0) / (WEAK * length)) ** 2, 0.0))
+    return np.diag(np.append((np.abs(departures).max(axis=0, initial=0.0) / (EFFECT_SIGMA * length)) ** 2, 0.0))
 
 
 def _covariance(left: Floats, design: Floats, believed: Floats | None = None) -> Floats:
@@ -205,7 +212,11 @@ def _covariance(left: Floats, design: Floats, believed: Floats | None = None) ->
 
 
 def _add_meter_errors(
-    logged: Logged, departures: Floats, left: Floats, disturbances: Sequence[Disturbance], covariance: Floats
+    logged: LoggedDisturbances,
+    departures: Floats,
+    left: Floats,
+    disturbances: Sequence[Disturbance],
+    covariance: Floats,
 ) -> Floats:
     """(3 K, 3 K) covariance of the slopes, including the noise of the meters."""
     about = departures - departures.mean(axis=0)
@@ -213,13 +224,13 @@ def _add_meter_errors(
     meters = [
         RegressorError(
             noise_of(departures[:, place], *_residuals_along(disturbance, left)),
-            rounding(logged.values[disturbance.name], disturbance.name)[0],
+            rounding_variance(logged.values[disturbance.name], disturbance.name)[0],
             np.sqrt(len(left)) * np.eye(3 * len(disturbances))[:, 3 * place : 3 * place + 3],
         )
         for place, disturbance in enumerate(disturbances)
     ]
     coefficients = np.concatenate([np.zeros(0), *(disturbance.per_unit for disturbance in disturbances)])
-    return widened(covariance, inverse, coefficients, meters)
+    return widen_covariance(covariance, inverse, coefficients, meters)
 
 
 def _residuals_along(disturbance: Disturbance, left: Floats) -> tuple[Floats, Floats]:
@@ -229,12 +240,12 @@ def _residuals_along(disturbance: Disturbance, left: Floats) -> tuple[Floats, Fl
     return along, np.full(len(left), size)
 
 
-def _best_lags(logged: Logged, names: tuple[str, ...]) -> dict[str, Lag]:
+def _best_lags(logged: LoggedDisturbances, names: tuple[str, ...]) -> dict[str, Lag]:
     """Best lag of each motor."""
     lags: dict[str, Lag] = {}
-    for late in lagging(names) if logged.is_timed else ():
-        cost = _LineCost(logged, Shifted(logged, names, late, proven_lags(lags)))
-        lag = cost.scattered(profile(late[0], cost, grid_of(logged.step_s)))
+    for late in lag_groups(names) if logged.is_timed else ():
+        cost = _LineCost(logged, ShiftedDepartures(logged, names, late, significant_lags(lags)))
+        lag = cost.scattered(search_lag(late[0], cost, lag_grid(logged.step_s)))
         lags |= {name: replace(lag, name=name) for name in late}
     return lags
 
@@ -242,9 +253,9 @@ def _best_lags(logged: Logged, names: tuple[str, ...]) -> dict[str, Lag]:
 class _LineCost:
     """χ² of a linear regression as a function of the lag, in units of the variance at the best lag."""
 
-    def __init__(self, logged: Logged, shifted: Shifted) -> None:
+    def __init__(self, logged: LoggedDisturbances, shifted: ShiftedDepartures) -> None:
         self._field, self._shifted = logged.field, shifted
-        least = min(float(np.sum(self._residuals_at(lag) ** 2)) for lag in grid_of(logged.step_s))
+        least = min(float(np.sum(self._residuals_at(lag) ** 2)) for lag in lag_grid(logged.step_s))
         self._variance = max(least / (3.0 * len(logged.field)), 1e-300)
 
     def __call__(self, lag_s: float) -> float:
@@ -256,7 +267,7 @@ class _LineCost:
         left, slopes, design = _regress(self._field, self._shifted(lag.seconds))
         moved = self._shifted.slope(lag.seconds) @ slopes
         moved -= design @ np.linalg.lstsq(design, moved, rcond=None)[0]
-        return scattered(lag, left.T, moved.T, self._variance)
+        return with_sigma(lag, left.T, moved.T, self._variance)
 
     def _residuals_at(self, lag_s: float) -> Floats:
         """(N, 3) residuals at a lag."""
@@ -289,7 +300,7 @@ def _curvature(disturbance: Disturbance, departures: Floats, left: Floats, desig
     return curvature(np.tile(departures, 3), residuals, np.repeat(np.eye(3), count, axis=0), disturbance.per_unit)
 
 
-def _accelerations(recordings: Sequence[Recording], logged: Logged) -> Floats | None:
+def _accelerations(recordings: Sequence[Recording], logged: LoggedDisturbances) -> Floats | None:
     """(N, 3) accelerations at the readings in the fit; None if a recording has none."""
     accelerations: list[Floats] = []
     for recording, part in zip(recordings, logged.parts, strict=True):

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.estimators.covariance import Residuals, time_of
+from flinders.estimators.covariance import Residuals, correlation_length
 from flinders.geometry.rotation import lengths
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ def _correlation_length(left: Floats, counts: NDArray[np.intp]) -> float:
     ends = np.cumsum(counts)
     segments = [np.arange(end - count, end) for end, count in zip(ends, counts, strict=True)]
     alone = [Residuals(component, np.zeros((len(component), 1)), segments) for component in left.T]
-    return max(1.0, *(time_of(each.autocovariance()) for each in alone))
+    return max(1.0, *(correlation_length(each.autocovariance()) for each in alone))
 
 
 def _find_spans(acceleration: Floats) -> Iterator[tuple[int, int]]:

@@ -21,7 +21,7 @@ minutes. Motors with one column each are logged by one meter, and have a common 
 >>> current = 10.0 + 5.0 * np.sin(3.0 * time)
 >>> later = np.interp(time - 0.2, time, current) + np.random.default_rng(1).normal(scale=0.1, size=600)
 >>> cost = lambda lag: float(np.sum((later - np.interp(time - lag, time, current)) ** 2)) / 0.1**2
->>> delay = profile("current", cost, grid_of(0.02))
+>>> delay = search_lag("current", cost, lag_grid(0.02))
 >>> round(delay.seconds, 2), delay.is_proven, delay.is_beyond
 (0.2, True, False)
 """
@@ -33,16 +33,16 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.core.disturbance import motor
-from flinders.estimators.covariance import Residuals, time_of
-from flinders.estimators.disturbance_problem import DisturbanceProblem, settle
+from flinders.core.disturbance import kind_and_motor
+from flinders.estimators.covariance import Residuals, correlation_length
+from flinders.estimators.disturbance_problem import DisturbanceProblem, solve_disturbances
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from flinders.arrays import Floats
-    from flinders.estimators.disturbance_problem import Solved
-    from flinders.estimators.regressors import Logged, Track
+    from flinders.estimators.disturbance_problem import DisturbanceSolution
+    from flinders.estimators.regressors import LoggedDisturbances, Track
 
 MAX_LAG_S: Final = 1.0
 """Largest lag of the search in s, of either sign."""
@@ -72,23 +72,23 @@ class Lag:
     is_beyond: bool = False
 
     @property
-    def is_proven(self) -> bool:
+    def is_significant(self) -> bool:
         """Whether the lag is significant."""
         return self.saved > MIN_CHI_SQUARE
 
     @property
     def used_sigma_s(self) -> float:
         """Standard deviation of the lag in use, which is 0 for a lag that is not significant, including that error."""
-        return self.sigma_s if self.is_proven else float(np.hypot(self.sigma_s, self.seconds))
+        return self.sigma_s if self.is_significant else float(np.hypot(self.sigma_s, self.seconds))
 
 
-def grid_of(step_s: float) -> Floats:
+def lag_grid(step_s: float) -> Floats:
     """(2 n + 1,) lags of the search in s, with 0 in the middle and steps of at least half a reading."""
     grid: Floats = np.arange(-GRID_STEPS, GRID_STEPS + 1) * max(MAX_LAG_S / GRID_STEPS, step_s / 2.0)
     return grid
 
 
-def profile(name: str, cost: Callable[[float], float], grid: Floats) -> Lag:
+def search_lag(name: str, cost: Callable[[float], float], grid: Floats) -> Lag:
     """Find the lag of the smallest cost on a grid, then by two parabolas.
 
     Parameters
@@ -98,7 +98,7 @@ def profile(name: str, cost: Callable[[float], float], grid: Floats) -> Lag:
     cost : callable
         Returns χ² at a lag in s.
     grid : (2 n + 1,) float, s
-        Lags of `grid_of`.
+        Lags of `lag_grid`.
     """
     costs = np.array([cost(lag) for lag in grid])
     least = int(np.argmin(costs))
@@ -120,53 +120,57 @@ def profile(name: str, cost: Callable[[float], float], grid: Floats) -> Lag:
     return Lag(name, float(best), width, float(cost(0.0) - costs.min()))
 
 
-def lags_of(logged: Logged, names: tuple[str, ...], spread: float) -> tuple[dict[str, Lag], Solved | None]:
+def estimate_lags(
+    logged: LoggedDisturbances, names: tuple[str, ...], spread: float
+) -> tuple[dict[str, Lag], DisturbanceSolution | None]:
     """Best lag of each motor, and the last solution during the search; empty without times."""
     lags: dict[str, Lag] = {}
-    solved: Solved | None = None
-    for late in lagging(names) if logged.is_timed else ():
+    solved: DisturbanceSolution | None = None
+    for late in lag_groups(names) if logged.is_timed else ():
         for _ in range(2):  # the second time with the noise at the first lag
-            solved = settle(DisturbanceProblem(logged, names, spread, proven_lags(lags)), solved)
-            cost = _Cost(logged, names, late, proven_lags(lags), solved)
-            lag = cost.judged(profile(late[0], cost, grid_of(logged.step_s)))
+            solved = solve_disturbances(DisturbanceProblem(logged, names, spread, significant_lags(lags)), solved)
+            cost = _Cost(logged, names, late, significant_lags(lags), solved)
+            lag = cost.judged(search_lag(late[0], cost, lag_grid(logged.step_s)))
             lags |= {name: replace(lag, name=name) for name in late}
-            if not lag.is_proven:
+            if not lag.is_significant:
                 break
     return lags, solved
 
 
-def lagging(names: Sequence[str]) -> list[tuple[str, ...]]:
+def lag_groups(names: Sequence[str]) -> list[tuple[str, ...]]:
     """Groups of disturbances with a common lag.
 
-    >>> lagging(["current1", "current2", "throttle", "temperature"])
+    >>> lag_groups(["current1", "current2", "throttle", "temperature"])
     [('current1', 'current2'), ('throttle',)]
     """
     families: dict[tuple[str, bool], list[str]] = {}
     for name in names:
-        kind, number = motor(name)
+        kind, number = kind_and_motor(name)
         if kind not in KINDS_WITHOUT_LAG:
             families.setdefault((kind, number > 0), []).append(name)
     return [tuple(family) for family in families.values()]
 
 
-def proven_lags(lags: dict[str, Lag]) -> dict[str, float]:
+def significant_lags(lags: dict[str, Lag]) -> dict[str, float]:
     """Significant lags in s, by the name of the disturbance."""
-    return {name: lag.seconds for name, lag in lags.items() if lag.is_proven}
+    return {name: lag.seconds for name, lag in lags.items() if lag.is_significant}
 
 
-def residuals_of(solved: Solved) -> Residuals:
+def solution_residuals(solved: DisturbanceSolution) -> Residuals:
     """Residuals of a solution at the readings in the fit, in the order of recording."""
     used = solved.used
     return Residuals(solved.distances[used], solved.jacobian[used], [np.arange(int(used.sum()))])
 
 
-class Shifted:
+class ShiftedDepartures:
     """Smoothed departures of disturbances from their references, with a variable lag of one group.
 
     All disturbances are smoothed: otherwise the fast changes of one could replace those missing in another.
     """
 
-    def __init__(self, logged: Logged, names: tuple[str, ...], late: tuple[str, ...], lags: dict[str, float]) -> None:
+    def __init__(
+        self, logged: LoggedDisturbances, names: tuple[str, ...], late: tuple[str, ...], lags: dict[str, float]
+    ) -> None:
         self._logged, self._names, self._lags = logged, names, lags
         courses = {name: logged.courses(name) for name in names}
         departed = [self._departures_of(name, courses[name], lags.get(name, 0.0)) for name in names]
@@ -179,7 +183,7 @@ class Shifted:
             departures[:, self._names.index(name)] = self._departures_of(name, courses, lag_s)
         return departures
 
-    def plainly(self, lag_s: float) -> Floats:
+    def unsmoothed(self, lag_s: float) -> Floats:
         """(N, K) departures at a lag in s, of columns without smoothing."""
         return self._logged.departures(self._names, self._lags | dict.fromkeys(self._courses, lag_s))
 
@@ -194,7 +198,7 @@ class Shifted:
         return grown
 
 
-def scattered(lag: Lag, distances: Floats, moved: Floats, variance: float) -> Lag:
+def with_sigma(lag: Lag, distances: Floats, moved: Floats, variance: float) -> Lag:
     """The lag with its standard deviation by correlated residuals, and `saved` in units of this deviation.
 
     Parameters
@@ -225,14 +229,19 @@ class _Cost:
     """
 
     def __init__(
-        self, logged: Logged, names: tuple[str, ...], late: tuple[str, ...], lags: dict[str, float], solved: Solved
+        self,
+        logged: LoggedDisturbances,
+        names: tuple[str, ...],
+        late: tuple[str, ...],
+        lags: dict[str, float],
+        solved: DisturbanceSolution,
     ) -> None:
-        self._shifted, self._used = Shifted(logged, names, late, lags), solved.used
+        self._shifted, self._used = ShiftedDepartures(logged, names, late, lags), solved.used
         places = 3 * len(names)
         self._shape = solved.jacobian[self._used, :9]
         self._target = solved.distances[self._used]
         self._target = self._target + solved.jacobian[self._used, 9 : 9 + places] @ solved.at.disturbances.ravel()
-        self._variance = solved.noise**2 * time_of(residuals_of(solved).autocovariance())
+        self._variance = solved.noise**2 * correlation_length(solution_residuals(solved).autocovariance())
 
     def __call__(self, lag_s: float) -> float:
         """χ² at a lag in s."""
@@ -240,7 +249,9 @@ class _Cost:
 
     def judged(self, lag: Lag) -> Lag:
         """The lag with its standard deviation by the residuals; `saved` is limited to that of unsmoothed columns."""
-        saved = self._chi_square(self._shifted.plainly(0.0)) - self._chi_square(self._shifted.plainly(lag.seconds))
+        saved = self._chi_square(self._shifted.unsmoothed(0.0)) - self._chi_square(
+            self._shifted.unsmoothed(lag.seconds)
+        )
         delay = self._with_sigma(lag)
         return replace(delay, saved=min(delay.saved, saved))
 
@@ -258,7 +269,7 @@ class _Cost:
         solution = inverse @ gradient
         moved = self._columns(self._shifted.slope(lag.seconds)) @ solution[9:]
         moved -= design @ (inverse @ (design.T @ moved))
-        return scattered(lag, (self._target - design @ solution)[np.newaxis], moved[np.newaxis], self._variance)
+        return with_sigma(lag, (self._target - design @ solution)[np.newaxis], moved[np.newaxis], self._variance)
 
     def _equations(self, design: Floats) -> tuple[Floats, Floats]:
         """(K,) gradient and (K, K) normal matrix of a design."""

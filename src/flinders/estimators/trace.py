@@ -77,11 +77,11 @@ def spread_counts(readings: int, steps: int) -> list[int]:
 
 
 @runtime_checkable
-class Watched(Protocol):
+class SequentialEstimator(Protocol):
     """A sequential estimator whose convergence can be followed.
 
     >>> from flinders.estimators import METHODS
-    >>> issubclass(METHODS["auto"], Watched)
+    >>> issubclass(METHODS["auto"], SequentialEstimator)
     False
     """
 

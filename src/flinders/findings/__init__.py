@@ -12,7 +12,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Final
 
-from flinders.errors import in_python, with_hint
+from flinders.errors import append_hint, python_arguments
 from flinders.findings.catalogue import CATALOGUE as CATALOGUE
 from flinders.findings.finding import Finding as Finding  # noqa: TC001 - for others
 from flinders.findings.finding import by_severity as by_severity
@@ -24,12 +24,12 @@ from flinders.findings.row import Condition as Condition
 from flinders.findings.row import Quantity as Quantity
 from flinders.findings.row import Record as Record
 from flinders.findings.row import Severity as Severity
-from flinders.findings.rules import certain as certain
+from flinders.findings.rules import certain_finding as certain_finding
 from flinders.findings.rules import finding_in as finding_in
+from flinders.findings.rules import findings_in as findings_in
 from flinders.findings.rules import first_causes as first_causes
-from flinders.findings.rules import found_in as found_in
 from flinders.findings.rules import limit_of as limit_of
-from flinders.findings.rules import linked as linked
+from flinders.findings.rules import link_causes as link_causes
 from flinders.verdicts import Verdict as Verdict
 
 if TYPE_CHECKING:
@@ -39,14 +39,14 @@ LINK: Final = re.compile(r"\[([^]]*)\]\([^)]*\)")
 """A link in Markdown: its text is kept, its address is removed."""
 
 
-def advice(finding: Finding, spell: Spelling = in_python) -> str:
+def advice(finding: Finding, spell: Spelling = python_arguments) -> str:
     """Advice with the arguments that it needs, spelled for an interface.
 
     >>> advice(Finding("unit-unknown", "note", {"field_strength": 48.0}))
     'no unit known, so all is in counts: name it, or what one count is in µT (unit=, scale=)'
     """
     row = CATALOGUE.get(finding.code)
-    return with_hint(finding.advice, spell(row.hint)) if row else finding.advice
+    return append_hint(finding.advice, spell(row.hint)) if row else finding.advice
 
 
 def action(code: str) -> str:

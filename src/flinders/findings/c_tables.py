@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Final
 
 from flinders.findings.catalogue import (
     CATALOGUE,
-    OF_A_FIT,
-    OF_RECORDING,
-    OTHERS,
+    ENGINE_FINDINGS,
+    OTHER_FINDINGS,
     QUANTITIES,
     QUANTITIES_OF_A_FIT,
+    RECORDING_FINDINGS,
     RULES,
 )
 from flinders.findings.row import CAUSES, CONDITIONS
@@ -31,14 +31,14 @@ if TYPE_CHECKING:
 FOLDER: Final = Path(__file__).parents[1] / "native"
 """Folder of the engine's sources."""
 
-MADE: Final = "Made by `python -m flinders.findings.c_tables` from the catalogue of findings. */"
+NOTICE: Final = "Made by `python -m flinders.findings.c_tables` from the catalogue of findings. */"
 
 
 def header() -> str:
     """`flinders_rules.h`: names and numbers of quantities, rules and conditions."""
     return "\n".join(
         [
-            f"/* {MADE}",
+            f"/* {NOTICE}",
             "#ifndef FLINDERS_RULES_H",
             "#define FLINDERS_RULES_H",
             "",
@@ -58,8 +58,8 @@ def header() -> str:
             f"#define FLINDERS_QUANTITIES {len(QUANTITIES)}",
             f"#define FLINDERS_QUANTITIES_OF_A_FIT {len(QUANTITIES_OF_A_FIT)}",
             f"#define FLINDERS_RULES {len(RULES)}",
-            f"#define FLINDERS_RULES_OF_A_FIT {len(OF_A_FIT)}",
-            f"#define FLINDERS_RULES_OF_A_RECORDING {len(OF_RECORDING)} /* the last of those of a fit */",
+            f"#define FLINDERS_RULES_OF_A_FIT {len(ENGINE_FINDINGS)}",
+            f"#define FLINDERS_RULES_OF_A_RECORDING {len(RECORDING_FINDINGS)} /* the last of those of a fit */",
             f"#define FLINDERS_CAUSES {len(CAUSES)}",
             "#endif",
             "",
@@ -70,12 +70,12 @@ def header() -> str:
 def source() -> str:
     """`rules.c`: the tables. A board has the rules of a fit only."""
     own, others = _Tables(), _Tables()
-    own.add(OF_A_FIT)
+    own.add(ENGINE_FINDINGS)
     others.comparisons = [*own.comparisons]
-    others.add(OTHERS)
+    others.add(OTHER_FINDINGS)
     return "\n".join(
         [
-            f"/* {MADE}",
+            f"/* {NOTICE}",
             '#include "judge.h"',
             "",
             "const flinders_comparison fl_comparisons[] = {",
@@ -117,7 +117,7 @@ class _Tables:
             ]
             self.comparisons += [_comparison(need.quantity, need.comparison, need) for need in rule.needs]
             self.comparisons.append(_comparison(rule.number or rule.quantity, ">", rule.stated_limit))
-            words = f"{text(row.code)}, {text(row.fleet_action or row.action)}"
+            words = f"{c_string(row.code)}, {c_string(row.fleet_action or row.action)}"
             self.rules.append(f"    {{{words}, {first}, {len(rule.grades)}, {len(rule.needs)}}},")
 
 
@@ -151,7 +151,7 @@ def _condition(code: str) -> str:
     return f"FLINDERS_IF_{code.upper().replace('-', '_')}"
 
 
-def text(words: str) -> str:
+def c_string(words: str) -> str:
     """A string in ASCII, which every serial monitor can show."""
     plain = words.replace("−", "-").replace("°", " degrees").replace("`", "").replace('"', "'")
     return f'"{plain.encode("ascii", "replace").decode()}"'

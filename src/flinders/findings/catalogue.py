@@ -4,7 +4,7 @@
 'angle from the middle of the largest gap to the nearest reading, degrees'
 >>> CATALOGUE["coverage"].rule.grades
 (Grade(severity='limits', factor=60.0, times=''),)
->>> QUANTITIES[:3], OF_A_FIT.index("coverage") < OF_A_FIT.index("scale-unknown")
+>>> QUANTITIES[:3], ENGINE_FINDINGS.index("coverage") < ENGINE_FINDINGS.index("scale-unknown")
 (('flatness', 'flatness_limit', 'is_planar'), True)
 """
 
@@ -26,28 +26,31 @@ CATALOGUE: Final[dict[str, CatalogueRow]] = {
 }
 """Every finding, by code."""
 
-OF_THE_FIT: Final = tuple(row.code for row in (*fit.ROWS, *unmodelled.ROWS))
+FIT_FINDINGS: Final = tuple(row.code for row in (*fit.ROWS, *unmodelled.ROWS))
 """Findings about the fit itself."""
 
-OF_RESIDUALS: Final = ("alternating", "outliers")
+RESIDUAL_FINDINGS: Final = ("alternating", "outliers")
 """Findings of a recording that need a surface."""
 
 ORIGIN_FINDINGS: Final = ("typed-extremes", "composed", "filtered", "no-uncertainty")
 """Findings about calibrations that were combined or imported, or about filtered readings."""
 
-OF_CALIBRATION: Final = tuple(row.code for row in calibration.ROWS if row.code not in ORIGIN_FINDINGS)
+CALIBRATION_FINDINGS: Final = tuple(row.code for row in calibration.ROWS if row.code not in ORIGIN_FINDINGS)
 """Findings about a calibration, regardless of its origin."""
 
-OF_RECORDING: Final = tuple(row.code for row in recording.ROWS if row.code not in OF_RESIDUALS)
+RECORDING_FINDINGS: Final = tuple(row.code for row in recording.ROWS if row.code not in RESIDUAL_FINDINGS)
 """Findings about a recording, regardless of the quality of its fit."""
 
-OF_A_FIT: Final = (*OF_THE_FIT, *OF_RESIDUALS, *OF_CALIBRATION, *OF_RECORDING)
+ENGINE_FINDINGS: Final = (*FIT_FINDINGS, *RESIDUAL_FINDINGS, *CALIBRATION_FINDINGS, *RECORDING_FINDINGS)
 """Findings for which the engine checks the fit of one magnetometer, in order."""
 
-OTHERS: Final = (*ORIGIN_FINDINGS, *(row.code for subject in (disturbances, aiding, sensors) for row in subject.ROWS))
+OTHER_FINDINGS: Final = (
+    *ORIGIN_FINDINGS,
+    *(row.code for subject in (disturbances, aiding, sensors) for row in subject.ROWS),
+)
 """Findings whose quantities are computed separately: of each disturbance, aiding sensor, and other magnetometer."""
 
-RULES: Final = (*OF_A_FIT, *OTHERS)
+RULES: Final = (*ENGINE_FINDINGS, *OTHER_FINDINGS)
 """Codes of the findings, in the order of the engine's table."""
 
 STATED_QUANTITIES: Final = (
@@ -69,8 +72,8 @@ def _of_rule(rule: Rule) -> list[str]:
     return [name for name in (*names, rule.number, rule.stated_limit.times) if name]
 
 
-QUANTITIES_OF_A_FIT: Final = tuple(dict.fromkeys((*_quantities_of(OF_A_FIT), *STATED_QUANTITIES)))
+QUANTITIES_OF_A_FIT: Final = tuple(dict.fromkeys((*_quantities_of(ENGINE_FINDINGS), *STATED_QUANTITIES)))
 """Quantities that the engine computes for a fit."""
 
-QUANTITIES: Final = tuple(dict.fromkeys((*QUANTITIES_OF_A_FIT, *_quantities_of(OTHERS))))
+QUANTITIES: Final = tuple(dict.fromkeys((*QUANTITIES_OF_A_FIT, *_quantities_of(OTHER_FINDINGS))))
 """All quantities that rules compare or state."""

@@ -1,6 +1,6 @@
 """A finding: code, severity, and the named numbers for its sentence.
 
->>> found = stated("quantised", {"step": 0.152}, "note")
+>>> found = make_finding("quantised", {"step": 0.152}, "note")
 >>> found
 Finding(code='quantised', severity='note', values={'step': 0.152})
 >>> found.number, found.limit, found.advice[:48]
@@ -104,9 +104,9 @@ class Finding(ShortRepr):
         return {
             "code": self.code,
             "severity": self.severity,
-            "number": plain(self.number),
-            "limit": plain(self.limit),
-            "values": {name: plain(value) for name, value in self.values.items()},
+            "number": json_value(self.number),
+            "limit": json_value(self.limit),
+            "values": {name: json_value(value) for name, value in self.values.items()},
             "follows_from": self.follows_from,
             "advice": self.advice,  # sentence made from the values
         }
@@ -141,7 +141,7 @@ class Finding(ShortRepr):
         return finding
 
 
-def stated(code: str, record: Mapping[str, Any], severity: Severity, follows_from: str | None = None) -> Finding:
+def make_finding(code: str, record: Mapping[str, Any], severity: Severity, follows_from: str | None = None) -> Finding:
     """A finding with the values of its sentence from a record, and a given severity.
 
     Parameters
@@ -161,12 +161,12 @@ def _value(value: Any) -> Any:  # noqa: ANN401 - a number, a name, or a list of 
     return math.nan if value is None or value != value else float(value)  # noqa: PLR0124 - one NaN object, for comparisons
 
 
-def plain(value: Any) -> Any:  # noqa: ANN401 - a number, a name, or a list of either
+def json_value(value: Any) -> Any:  # noqa: ANN401 - a number, a name, or a list of either
     """A value for JSON: None for a missing number."""
     if isinstance(value, str):
         return value
     if isinstance(value, Sequence):
-        return tuple(plain(member) for member in value)
+        return tuple(json_value(member) for member in value)
     return value if math.isfinite(value) else None
 
 

@@ -49,10 +49,10 @@ REACH_NAMES: Final = ("level", "tilt", "any")
 SMALL_ERROR_DEG: Final = 0.2
 """Heading error in degrees below which a good verdict adds its caveat."""
 
-UNSTATED: Final = "the calibration states no uncertainty"
+UNSTATED_REASON: Final = "the calibration states no uncertainty"
 """Reason for a calibration without findings, such as an imported one."""
 
-LEFT_OUT: Final = "That is the error of the calibration alone: mounting, tilt and iron nearby come on top."
+CAVEAT: Final = "That is the error of the calibration alone: mounting, tilt and iron nearby come on top."
 
 
 class Headline(NamedTuple):
@@ -70,7 +70,7 @@ class Claimed(NamedTuple):
     target_deg: float
 
 
-NOT_CLAIMED: Final = Claimed(math.nan, math.nan, math.nan)
+NO_CLAIM: Final = Claimed(math.nan, math.nan, math.nan)
 
 
 def headline(
@@ -104,14 +104,14 @@ def headline(
         why=why,
     )
     is_small = kind == "good" and claimed.worst_deg < SMALL_ERROR_DEG
-    said = (as_sentence(lead), remedy, language.phrase("verdict.left-out", LEFT_OUT) if is_small else "")
+    said = (as_sentence(lead), remedy, language.phrase("verdict.left-out", CAVEAT) if is_small else "")
     return Headline(" ".join(filter(None, said)), "" if cause is None else cause.code)
 
 
 def _why(cause: Finding | None, language: Language) -> str:
     """The cause within a sentence; one in another language keeps its capital, as nouns may have one."""
     if cause is None:
-        return language.phrase("verdict.unstated", UNSTATED)
+        return language.phrase("verdict.unstated", UNSTATED_REASON)
     why = translation.sentence(cause, language)
     return f"{why[:1].lower()}{why[1:]}" if language == ENGLISH else why
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from flinders.findings.row import CatalogueRow, Grade, Limit, Needs, Rule
-from flinders.findings.words import MANY_OUTLIERS, MANY_ROWS
+from flinders.findings.words import MAX_OUTLIER_SHARE, MAX_SKIPPED_SHARE
 
 ROWS: Final = (
     CatalogueRow(
@@ -41,7 +41,9 @@ ROWS: Final = (
             "bits were lost on the way"
         ),
         fleet_action="look for what passed by, a cable that moved, or bits lost on the way",
-        rule=Rule("outlier_share", (Grade("note", 0.0), Grade("limits", MANY_OUTLIERS)), limit=Limit(MANY_OUTLIERS)),
+        rule=Rule(
+            "outlier_share", (Grade("note", 0.0), Grade("limits", MAX_OUTLIER_SHARE)), limit=Limit(MAX_OUTLIER_SHARE)
+        ),
         said=(
             "{outliers} ({outlier_share:.1%}), up to {farthest} {unit} off the rest, left out ({runs}): something"
             " magnetic passed by, or bits were lost on the way{again}"
@@ -151,7 +153,11 @@ ROWS: Final = (
         limit="a tenth of the rows",
         action="check its supply and its bus, and read the sensor only when it has a new reading; they are left out",
         fleet_action="check the sensor's supply and bus",
-        rule=Rule("silent", (Grade("note", 0.0), Grade("limits", MANY_ROWS, "rows")), limit=Limit(MANY_ROWS, "rows")),
+        rule=Rule(
+            "silent",
+            (Grade("note", 0.0), Grade("limits", MAX_SKIPPED_SHARE, "rows")),
+            limit=Limit(MAX_SKIPPED_SHARE, "rows"),
+        ),
         said="{silent_rows}; left out{supply}",
         plain="At some readings the sensor did not answer (number of readings: {number:,.0f}). They were left out.",
         remedy="Check the sensor's wires, its supply, and how it is read.",
@@ -176,7 +182,11 @@ ROWS: Final = (
         limit="a tenth of the rows",
         action="look at the lines that the advice names; check the sensor, its cable and what was saved",
         fleet_action="check the sensor, its cable and what was saved",
-        rule=Rule("skipped", (Grade("note", 0.0), Grade("limits", MANY_ROWS, "rows")), limit=Limit(MANY_ROWS, "rows")),
+        rule=Rule(
+            "skipped",
+            (Grade("note", 0.0), Grade("limits", MAX_SKIPPED_SHARE, "rows")),
+            limit=Limit(MAX_SKIPPED_SHARE, "rows"),
+        ),
         said="left out: {skipped_rows}{check}",
         plain="Some lines could not be used (number of lines: {number:,.0f}); they are named below.",
         remedy="Look at the lines that could not be used.",

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 from flinders.errors import figures
 from flinders.findings.sensor_words import SENSOR_WORDS
 from flinders.findings.words import WORDS as FIT_WORDS
-from flinders.findings.words import angle, as_sentence, taken_by
+from flinders.findings.words import angle, as_sentence, value_names
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -52,7 +52,7 @@ CONDITIONS: Final[dict[Condition, str]] = {
 }
 """Assumptions of a verdict, in words."""
 
-OF_A_TUMBLE: Final[tuple[Condition, ...]] = ("uniform-field", "constant-iron")
+TUMBLE_ASSUMPTIONS: Final[tuple[Condition, ...]] = ("uniform-field", "constant-iron")
 """Assumptions for a recording of a magnetometer alone that is longer than a few seconds."""
 
 VERIFICATIONS: Final[dict[Condition, str]] = {
@@ -115,7 +115,7 @@ class Rule:
         return self.limit or Limit(*self.grades[0][1:])
 
     @property
-    def compared(self) -> frozenset[str]:
+    def compared_quantities(self) -> frozenset[str]:
         """Names of the compared quantities."""
         graded = (grade.times for grade in self.grades)
         needed = (name for need in self.needs for name in (need.quantity, need.times))
@@ -129,7 +129,7 @@ class Rule:
     @property
     def names(self) -> frozenset[str]:
         """Names of all quantities that are compared or stated."""
-        return self.compared | self.stated_names
+        return self.compared_quantities | self.stated_names
 
     def stated(self, values: Mapping[str, Any]) -> tuple[float, float]:
         """Number and limit of a finding with these values."""
@@ -237,7 +237,7 @@ class _Stated(dict[str, Any]):
 
     def __missing__(self, name: str) -> Any:  # noqa: ANN401 - a quantity, or a word
         if name in WORDS:
-            return WORDS[name](**{taken: self._values[taken] for taken in taken_by(WORDS[name])})
+            return WORDS[name](**{taken: self._values[taken] for taken in value_names(WORDS[name])})
         value = self._values[name]
         return value if isinstance(value, str) else Quantity(value)
 
@@ -246,29 +246,29 @@ class _Stated(dict[str, Any]):
 def _values_of(said: str) -> tuple[str, ...]:
     """Names of the values in a sentence and its words."""
     named = [name for _, name, _, _ in Formatter().parse(said) if name]
-    return tuple(taken for name in named for taken in (taken_by(WORDS[name]) if name in WORDS else (name,)))
+    return tuple(taken for name in named for taken in (value_names(WORDS[name]) if name in WORDS else (name,)))
 
 
-def resting_on(conditions: Sequence[Condition]) -> str:
+def words_of_conditions(conditions: Sequence[Condition]) -> str:
     """Assumptions of a verdict in words; empty without any.
 
-    >>> resting_on(("uniform-field", "constant-iron")), resting_on(())
+    >>> words_of_conditions(("uniform-field", "constant-iron")), words_of_conditions(())
     ('holds if no iron is near and currents are constant', '')
     """
     *first, last = (CONDITIONS[code] for code in conditions) if conditions else ("",)
     return f"holds if {', '.join(first)}{' and ' if first else ''}{last}" if conditions else ""
 
 
-def stated(conditions: Sequence[Condition]) -> str:
+def verifiable_conditions(conditions: Sequence[Condition]) -> str:
     """Assumptions of a verdict, with a way to verify the first one.
 
-    >>> stated(("uniform-field", "constant-iron")), stated(())
+    >>> verifiable_conditions(("uniform-field", "constant-iron")), verifiable_conditions(())
     ('holds if no iron is near and currents are constant: record elsewhere too', '')
     """
-    return f"{resting_on(conditions)}: {VERIFICATIONS[conditions[0]]}" if conditions else ""
+    return f"{words_of_conditions(conditions)}: {VERIFICATIONS[conditions[0]]}" if conditions else ""
 
 
-TUMBLE_STATED: Final = stated(OF_A_TUMBLE)
+TUMBLE_CONDITIONS: Final = verifiable_conditions(TUMBLE_ASSUMPTIONS)
 """Assumptions for a recording of a magnetometer alone, with a way to verify the first one."""
 
 

@@ -1,12 +1,12 @@
 """Application of the catalogue's rules by the engine.
 
->>> [finding.code for finding in found_in({"axis_ratio": 3.0, "step": 0.0}, "axis-ratio", "quantised")]
+>>> [finding.code for finding in findings_in({"axis_ratio": 3.0, "step": 0.0}, "axis-ratio", "quantised")]
 ['axis-ratio']
 
 Findings that follow from others are not shown: removing the cause removes them.
 
 >>> given = [Finding(code, "limits", {}) for code in ("noise", "coverage", "axis-swap")]
->>> [finding.code for finding in first_causes(linked(given))]
+>>> [finding.code for finding in first_causes(link_causes(given))]
 ['axis-swap', 'coverage']
 """
 
@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.findings.catalogue import CATALOGUE, OF_A_FIT, QUANTITIES, RULES
-from flinders.findings.finding import Finding, by_severity, stated
+from flinders.findings.catalogue import CATALOGUE, ENGINE_FINDINGS, QUANTITIES, RULES
+from flinders.findings.finding import Finding, by_severity, make_finding
 from flinders.findings.row import CAUSES, VERDICTS
 from flinders.native.engine import engine
 
@@ -32,7 +32,7 @@ SEVERITIES: Final[tuple[Severity | None, ...]] = (None, *reversed(VERDICTS))
 """Severities, by number in the engine."""
 
 _RULES: Final = {code: number for number, code in enumerate(RULES)}
-_FIT_NUMBERS: Final = {code: number for number, code in enumerate(OF_A_FIT)}
+_FIT_NUMBERS: Final = {code: number for number, code in enumerate(ENGINE_FINDINGS)}
 _QUANTITIES: Final = {name: number for number, name in enumerate(QUANTITIES)}
 
 
@@ -46,28 +46,28 @@ def finding_in(record: Mapping[str, Any], code: str) -> Finding | None:
     """
     rule = CATALOGUE[code].rule
     quantities = np.full(len(QUANTITIES), np.nan)
-    for name in rule.compared:
+    for name in rule.compared_quantities:
         quantities[_QUANTITIES[name]] = record[name]
     severity = SEVERITIES[engine().severity(_RULES[code], quantities)]
-    return None if severity is None else stated(code, record, severity)
+    return None if severity is None else make_finding(code, record, severity)
 
 
-def found_in(record: Mapping[str, Any], *codes: str) -> Iterator[Finding]:
+def findings_in(record: Mapping[str, Any], *codes: str) -> Iterator[Finding]:
     """The findings, among these codes, whose rules hold for a record."""
     return (finding for code in codes if (finding := finding_in(record, code)) is not None)
 
 
-def certain(record: Mapping[str, Any], code: str) -> Finding:
+def certain_finding(record: Mapping[str, Any], code: str) -> Finding:
     """A finding about a record for which its rule is known to hold."""
     finding = finding_in(record, code)
     assert finding is not None
     return finding
 
 
-def linked(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+def link_causes(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     """Combine findings of several judgements of one fit, by severity, each with the code of its cause."""
     given = by_severity(findings)
-    severities = np.zeros(len(OF_A_FIT), dtype=np.uint8)
+    severities = np.zeros(len(ENGINE_FINDINGS), dtype=np.uint8)
     for finding in given:
         if (rule := _FIT_NUMBERS.get(finding.code)) is not None:
             severities[rule] = max(int(severities[rule]), SEVERITIES.index(finding.severity))
@@ -78,7 +78,11 @@ def linked(findings: Iterable[Finding]) -> tuple[Finding, ...]:
 def causes_of(judgement: Records) -> dict[str, str]:
     """Code of the cause of each finding of a judgement that follows from another one."""
     causes = judgement["causes"].tolist()
-    return {OF_A_FIT[rule]: OF_A_FIT[cause - 1] for rule, cause in enumerate(causes) if cause and cause != rule + 1}
+    return {
+        ENGINE_FINDINGS[rule]: ENGINE_FINDINGS[cause - 1]
+        for rule, cause in enumerate(causes)
+        if cause and cause != rule + 1
+    }
 
 
 def first_causes(findings: Iterable[Finding]) -> tuple[Finding, ...]:

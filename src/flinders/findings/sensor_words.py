@@ -12,8 +12,8 @@ import math
 from typing import TYPE_CHECKING, Any, Final
 
 from flinders.core.axes import Axes
-from flinders.core.compensation import beyond_words as beyond_range
-from flinders.core.disturbance import Disturbance, is_column, known, motor
+from flinders.core.compensation import range_warning as beyond_range
+from flinders.core.disturbance import Disturbance, is_column, kind_and_motor, kind_of
 from flinders.errors import figures
 from flinders.findings.words import spans
 
@@ -56,7 +56,7 @@ def noisy_remedy(noisy_names: Sequence[str]) -> str:
 
 def range_unit(name: str) -> str:
     """Unit of a disturbance, to append to its numbers."""
-    return known(name).unit
+    return kind_of(name).unit
 
 
 def disturbance(
@@ -84,7 +84,7 @@ def _disturbance_of_range(
 def at_end(name: str, reference: float, lowest: float, highest: float, states: Sequence[str]) -> str:
     """Words for the far end of the recorded range, or for the second state."""
     ranged = _disturbance_of_range(name, reference, lowest, highest, states)
-    return f"{'while' if states else 'at'} {ranged.amount(ranged.farthest)}"
+    return f"{'while' if states else 'at'} {ranged.text_of(ranged.extreme_value)}"
 
 
 def explains(
@@ -118,12 +118,12 @@ def uncertain(value: float, sigma: float) -> str:
 
 def highest_amount(name: str, highest: float) -> str:
     """Largest recorded amount."""
-    return f"{highest:.3g}{known(name).unit}"
+    return f"{highest:.3g}{kind_of(name).unit}"
 
 
 def reference_amount(name: str, reference: float) -> str:
     """Amount for which the offset of the calibration holds."""
-    return f"{reference:.3g}{known(name).unit}"
+    return f"{reference:.3g}{kind_of(name).unit}"
 
 
 def running(runs_along: float) -> str:
@@ -140,13 +140,13 @@ def without(noise_uncompensated: float, noise: float) -> str:
 
 def other_column(name: str) -> str:
     """Better column than a throttle."""
-    is_throttle = motor(name)[0] == "throttle"
+    is_throttle = kind_and_motor(name)[0] == "throttle"
     return "record the current instead, which the field follows, or " if is_throttle else ""
 
 
 def out_of_range(name: str, lowest: float, highest: float) -> str:
     """Fault of a disturbance's values."""
-    kind, far = known(name), max(lowest, highest, key=abs)
+    kind, far = kind_of(name), max(lowest, highest, key=abs)
     if not kind.plausible[0] <= far <= kind.plausible[1]:
         return (
             f"{name} was recorded at up to {far:.3g}{kind.unit}: it is in another unit than "

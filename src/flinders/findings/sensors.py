@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from flinders.findings.row import CatalogueRow, Grade, Limit, Needs, Rule
-from flinders.findings.words import SHOOT_AT_REST
+from flinders.findings.words import SHOT_ADVICE
 
 ROWS: Final = (
     CatalogueRow(
@@ -160,7 +160,7 @@ ROWS: Final = (
             "azimuth may be off by {azimuth_deg:angle} and inclination by {inclination_deg:angle} (1 σ, worst pose; "
             "the target is {target_deg:g}°)"
         ),
-        said=SHOOT_AT_REST,
+        said=SHOT_ADVICE,
         plain="At worst the instrument may be off by {angle}, and {limit:g}° is the target.",
         remedy="Take more shots, in other directions, with four rolls each.",
     ),

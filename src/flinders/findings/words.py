@@ -14,9 +14,9 @@ import math
 from typing import TYPE_CHECKING, Any, Final
 
 from flinders.core.samples import Skipped
-from flinders.errors import counted, figures
+from flinders.errors import count_text, figures
 from flinders.findings.poses import POSE_WORDS
-from flinders.geometry.plane import across
+from flinders.geometry.plane import turn_axis
 from flinders.summary.summary import RestSpan
 
 if TYPE_CHECKING:
@@ -31,22 +31,22 @@ ANY_ANGLE_DEG: Final = 90.0
 
 UPSIDE_DOWN: Final = 180.0
 
-MANY_OUTLIERS: Final = 0.1
+MAX_OUTLIER_SHARE: Final = 0.1
 """Largest share of outliers that does not limit a fit."""
 
-MANY_ROWS: Final = 0.1
+MAX_SKIPPED_SHARE: Final = 0.1
 """Largest share of rows without a reading that does not limit a fit."""
 
-Z_ELSEWHERE: Final = (
+Z_NOT_DOWN: Final = (
     "; an accelerometer shows that z does not point down, so that the dip of the site was left out: map the axes so "
     "that it does"
 )
-Z_OPEN: Final = (
+Z_UNKNOWN: Final = (
     "; nothing shows whether z points down or up, so that its offset is open by twice the field along it: record an "
     "accelerometer as well, or state axes with z down"
 )
 
-SHOOT_AT_REST: Final = (
+SHOT_ADVICE: Final = (
     "take each shot at rest, four to a direction with a quarter turn about the laser between them, in directions all "
     "around, up and down"
 )
@@ -75,7 +75,7 @@ def angle(degrees: float) -> str:
     return f"{figures(degrees)}°" if degrees < ANY_ANGLE_DEG else "any angle"
 
 
-def capitalised(words: str) -> str:
+def capitalise(words: str) -> str:
     """Capitalise words for the start of a sentence."""
     return f"{words[:1].upper()}{words[1:]}"
 
@@ -86,7 +86,7 @@ def as_sentence(words: str) -> str:
     >>> as_sentence("nothing moved"), as_sentence("it moved.")
     ('Nothing moved.', 'It moved.')
     """
-    return f"{capitalised(words).rstrip('.')}."
+    return f"{capitalise(words).rstrip('.')}."
 
 
 def attitudes(attitude_limit_deg: float, target_deg: float, worst_deg: float, tilted: Sequence[Row]) -> str:
@@ -168,18 +168,18 @@ def plane_axes(plane: str) -> str:
 
 def where_placed(plane: Plane, is_placed: float) -> str:
     """Whether the offset across the plane of a turn is known."""
-    return f"and in {across(plane)} by the site's field" if is_placed else "only"
+    return f"and in {turn_axis(plane)} by the site's field" if is_placed else "only"
 
 
 def assumed(plane: Plane, is_placed: float, z_down: float) -> str:
     """Assumption for the offset across the plane."""
-    side = "" if z_down == 0.0 or math.isnan(z_down) else f"{across(plane)} down, and "
+    side = "" if z_down == 0.0 or math.isnan(z_down) else f"{turn_axis(plane)} down, and "
     return f" (with {side}the floor level unless an accelerometer was recorded)" if is_placed else ""
 
 
 def where_z_points(z_down: float) -> str:
     """Direction of z, unless it is down."""
-    return Z_OPEN if math.isnan(z_down) else "" if z_down else Z_ELSEWHERE
+    return Z_UNKNOWN if math.isnan(z_down) else "" if z_down else Z_NOT_DOWN
 
 
 def mounting(is_skewed: float, is_placed: float) -> str:
@@ -210,7 +210,7 @@ def independent_readings(independent: float, samples: float) -> str:
     """Number of independent readings."""
     alike = "the others repeat them or share their errors"
     others = "" if independent == samples else f" (of {samples:,.0f}; {alike})"
-    return f"{counted(independent, 'independent reading')}{others}"
+    return f"{count_text(independent, 'independent reading')}{others}"
 
 
 def correlation(autocorrelation: float, textbook_deg: float) -> str:
@@ -252,7 +252,7 @@ def swap(swapped_axes: str, swap_row: float, swap_count: float) -> str:
     """Axes that changed sign or place, with the reading and the count."""
     first, second = swapped_axes[0], swapped_axes[-1]
     what = f"the sign of {first} turned" if len(swapped_axes) == 1 else f"{first} and {second} changed places"
-    again = f" and back and forth, {counted(swap_count - 1.0, 'time')} more" if swap_count > 1.0 else ""
+    again = f" and back and forth, {count_text(swap_count - 1.0, 'time')} more" if swap_count > 1.0 else ""
     return f"{swap_row:,.0f} on, {what}{again}"
 
 
@@ -273,7 +273,7 @@ def outlier_run(first: float, last: float, readings: float, start_s: float, end_
 
 def outliers(outlier_count: float) -> str:
     """Number of readings that were left out."""
-    return counted(outlier_count, "reading")
+    return count_text(outlier_count, "reading")
 
 
 def runs(outlier_runs: Sequence[Row], outlier_run_count: float) -> str:
@@ -283,7 +283,7 @@ def runs(outlier_runs: Sequence[Row], outlier_run_count: float) -> str:
 
 def again(outlier_share: float) -> str:
     """Advice on outliers that limit the fit."""
-    return "; see what it was, and record again without" if outlier_share > MANY_OUTLIERS else ""
+    return "; see what it was, and record again without" if outlier_share > MAX_OUTLIER_SHARE else ""
 
 
 def rails(rail_ends: Sequence[Row]) -> str:
@@ -338,12 +338,12 @@ def silent_rows(silent_kinds: Sequence[Row]) -> str:
 
 def check(skipped: float, rows: float) -> str:
     """Checks if many rows could not be read."""
-    return ". Check the sensor, its cable, and what was saved" if skipped > MANY_ROWS * rows else ""
+    return ". Check the sensor, its cable, and what was saved" if skipped > MAX_SKIPPED_SHARE * rows else ""
 
 
 def supply(silent: float, rows: float) -> str:
     """Checks if the sensor often did not answer."""
-    return ". Check its supply and its bus, and how it is read" if silent > MANY_ROWS * rows else ""
+    return ". Check its supply and its bus, and how it is read" if silent > MAX_SKIPPED_SHARE * rows else ""
 
 
 def length(corrected_length: float, unit: str) -> str:
@@ -386,7 +386,7 @@ def composition(planes: Sequence[str], rotation_left_deg: float) -> str:
 
 def dropped_words(dropped: float) -> str:
     """Number of readings that a filter dropped."""
-    return f", {counted(dropped, 'reading')} dropped" if dropped else ""
+    return f", {count_text(dropped, 'reading')} dropped" if dropped else ""
 
 
 def filter_effect(
@@ -449,10 +449,10 @@ WORDS: Final = _by_name(
 """Words about a fit of one magnetometer, by their names in sentences."""
 
 
-def taken_by(word: Callable[..., str]) -> tuple[str, ...]:
+def value_names(word: Callable[..., str]) -> tuple[str, ...]:
     """Names of the values that a word takes.
 
-    >>> taken_by(rings)
+    >>> value_names(rings)
     ('unobserved',)
     """
     code = word.__code__

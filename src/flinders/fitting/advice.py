@@ -14,7 +14,7 @@ import numpy as np
 
 from flinders.findings import limit_of, words
 from flinders.findings.words import UPSIDE_DOWN
-from flinders.fitting.claim import TILTS
+from flinders.fitting.claim import TILTS_DEG
 from flinders.heading.guidance import guide
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from flinders.heading.guidance import Goal, Guidance
     from flinders.summary.coverage import Coverage
 
-WORTH_IT: Final = 0.05
+MIN_SAVED_SHARE: Final = 0.05
 """Smallest share of the error that 1 % more readings at one attitude must remove for advice to name that attitude."""
 
 Step = tuple[str] | tuple[str, float]
@@ -31,7 +31,7 @@ Step = tuple[str] | tuple[str, float]
 
 def tilted_errors(fit: Fit, limit_deg: float) -> list[tuple[float, float]]:
     """Smallest and largest listed tilt above `limit_deg`, in degrees, each with the worst heading error there."""
-    beyond = [tilt for tilt in (*TILTS, UPSIDE_DOWN) if tilt > limit_deg]
+    beyond = [tilt for tilt in (*TILTS_DEG, UPSIDE_DOWN) if tilt > limit_deg]
     return [(tilt, fit.claim.tilted_error(tilt).worst) for tilt in dict.fromkeys((*beyond[:1], *beyond[-1:]))]
 
 
@@ -57,8 +57,8 @@ def next_movement(fit: Fit) -> Step:
     """Next turn: to the attitude where readings help most, or through all directions if none stands out."""
     if fit.claim.plane:
         return ("turn-level",)
-    advice = advised(fit)
-    if advice.after_deg > (1.0 - WORTH_IT) * advice.worst_deg:
+    advice = next_guidance(fit)
+    if advice.after_deg > (1.0 - MIN_SAVED_SHARE) * advice.worst_deg:
         return ("record-longer",)
     return "hold", float(advice.pose_number("sensor"))
 
@@ -73,12 +73,12 @@ def movement(fit: Fit) -> str:
     return words.movement(next_movement(fit))
 
 
-def advised(fit: Fit) -> Guidance:
+def next_guidance(fit: Fit) -> Guidance:
     """Guidance for the level heading until its error meets the target, then for all attitudes."""
-    return guided(fit, "heading" if fit.heading_error_deg.worst > fit.claim.target_deg else "attitude")
+    return guidance_for(fit, "heading" if fit.heading_error_deg.worst > fit.claim.target_deg else "attitude")
 
 
-def guided(fit: Fit, goal: Goal) -> Guidance:
+def guidance_for(fit: Fit, goal: Goal) -> Guidance:
     """Guidance to the attitude whose readings help most towards a goal."""
     seen_from_below = fit.heading_error_deg.dip_deg * fit.claim.dip_deg < 0.0
     return guide(

@@ -1,6 +1,6 @@
 """Selection of aiding sensors: their units and axes must be right, and they must improve the calibration.
 
-`aided_by` checks the recording first: the unit of the gyro, the axes of gyro and accelerometer, the source of an
+`fit_with_aids` checks the recording first: the unit of the gyro, the axes of gyro and accelerometer, the source of an
 attitude's yaw. A sensor that contradicts the magnetometer is left out and named. So is a sensor with which the fit
 claims more heading error than with the sensors before it. `flinders.fit` compares the result with the unaided fit.
 
@@ -15,7 +15,7 @@ leans with the aircraft: the gyro is used, the accelerometer is not.
 
 >>> from flinders import simulate
 >>> drive = simulate.tumble(seed=1, motion="flight", n=1500)
->>> aided, aiding = aided_by(drive.samples, "auto")
+>>> aided, aiding = fit_with_aids(drive.samples, "auto")
 >>> [(sensor.name, sensor.is_used) for sensor in aiding.sensors], aided.aiding
 ([('rate', True), ('dip', False)], ('rate',))
 """
@@ -28,30 +28,39 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from flinders.diagnostics.hold_out import HoldOutMisfit, fitted, hold_out_misfit
+from flinders.diagnostics.hold_out import HoldOutMisfit, fit_folds, hold_out_misfit
 from flinders.diagnostics.instruments import (
-    UPRIGHT,
+    VERTICAL_SENSORS,
     Mistake,
-    circular,
+    compass_yaw_mistake,
     dip_of,
+    divergence,
+    fill_gyro_gaps,
+    gyro_contradiction,
+    gyro_scale_mistake,
+    implausible_vertical,
+    instrument_mistakes,
     is_at_another_site,
-    is_diverged,
-    is_far,
-    is_implausible,
-    of_aid_and_gyro,
-    of_instruments,
-    of_scales,
-    of_turns,
-    one_axis,
-    without_gaps,
-    wrong_dip,
+    is_other_dip,
+    lean_mistake,
+    one_axis_mistakes,
+    wrong_dip_mistake,
 )
-from flinders.diagnostics.mirrored_axis import middle_dip_deg, mirrored_axis
+from flinders.diagnostics.mirrored_axis import median_dip_deg, mirrored_axis
 from flinders.errors import FitError, figures
-from flinders.estimators.aiding import Aided, refuse_without, solve
+from flinders.estimators.aiding import AidedFit, fit_aided, refuse_missing_columns
 from flinders.estimators.data import Readings
-from flinders.estimators.likelihood import Likelihood, start
-from flinders.fitting.aiding import AUTO, FAR_CLAIM, MORE, ROTATION_ALONE, VERTICALS, Aiding, AidingSensor, claims_more
+from flinders.estimators.likelihood import Likelihood, start_ellipsoid
+from flinders.fitting.aiding import (
+    AUTO,
+    MAX_CLAIM_RATIO,
+    MAX_VERTICAL_CLAIM_RATIO,
+    ROTATION_ALONE,
+    VERTICALS,
+    Aiding,
+    AidingSensor,
+    claims_more,
+)
 from flinders.geometry.plane import heading_errors
 from flinders.geometry.rotation import rotation_vectors
 from flinders.heading.error_propagation import level_error, level_turn
@@ -86,19 +95,19 @@ MAX_MOUNTING_DEG: Final = 20.0
 """Largest plausible rotation between instruments on one body; a sensor that shows more does not show the vertical."""
 
 
-def aided_by(
+def fit_with_aids(
     samples: Samples,
     aiding: str | Sequence[str],
     *,
     site: Site | None = None,
     dip_deg: float = 60.0,
-    spread: float = prior.SPREAD,
+    spread: float = prior.SOFT_IRON_SPREAD,
     gyro_scale: float = SCALE_SIGMA,
     acceleration_bias: float = ACCELERATION_SIGMA,
     acceleration_gain: float = GAIN_SIGMA,
     start: Ellipsoid | None = None,
     shape: KnownShape | None = None,
-) -> tuple[Aided, Aiding]:
+) -> tuple[AidedFit, Aiding]:
     """Fit with the aiding sensors that can be trusted and, with ``auto``, that improve the calibration.
 
     Raises `UsageError` for a sensor that is unknown or was not recorded; `FitError` if the readings give no ellipsoid.
@@ -106,7 +115,7 @@ def aided_by(
     Parameters
     ----------
     aiding : str or sequence of str
-        ``auto``, or names of `flinders.estimators.aiding.AIDS`.
+        ``auto``, or names of `flinders.estimators.aiding.AIDING_TERMS`.
     dip_deg : float
         Inclination at which headings are compared.
     spread : float
@@ -124,27 +133,27 @@ def aided_by(
     """
     is_auto = aiding == AUTO
     wanted = available(samples) if is_auto else ((aiding,) if isinstance(aiding, str) else tuple(aiding))
-    refuse_without(samples, wanted)
+    refuse_missing_columns(samples, wanted)
     wanted = tuple(sorted(wanted, key=lambda name: name != "rate"))  # the other sensors are compared with the gyro
-    samples, of_gaps = without_gaps(samples, wanted)
+    samples, of_gaps = fill_gyro_gaps(samples, wanted)
     is_signed = site is not None and site.inclination_deg is not None
     about = start or _plain_ellipsoid(samples)
-    axes, mistakes = of_instruments(samples, about, wanted, is_signed=is_signed)
+    axes, mistakes = instrument_mistakes(samples, about, wanted, is_signed=is_signed)
     rotation = None if axes is None else axes.apply(np.eye(3)).T
     options: dict[str, Any] = {"spread": spread, "gyro_scale": gyro_scale, "acceleration_bias": acceleration_bias}
     options |= {"acceleration_gain": acceleration_gain, "start": start, "shape": shape}
-    solver: Callable[..., Aided] = partial(solve, samples, site=site, **options)
+    solver: Callable[..., AidedFit] = partial(fit_aided, samples, site=site, **options)
     alone = _Candidate(samples, solver(()), rotation)
     if site is not None and axes is not None:
-        mirror = mirrored_axis(middle_dip_deg(samples, about, axes), site, rotation)
+        mirror = mirrored_axis(median_dip_deg(samples, about, axes), site, rotation)
         if mirror is not None:
-            again, reported = aided_by(samples, aiding, dip_deg=dip_deg, **options)
+            again, reported = fit_with_aids(samples, aiding, dip_deg=dip_deg, **options)
             return again, _with_mistake(reported, mirror, of_gaps)
     selection = _Selection(samples, solver, rotation, site, dip_deg, is_auto, alone, [*mistakes, *of_gaps])
     for name in wanted:
         selection.try_sensor(name)
     if site is not None and selection.is_elsewhere:  # a wrong site would distort the fit: repeat without it
-        again, reported = aided_by(samples, aiding, dip_deg=dip_deg, **options)
+        again, reported = fit_with_aids(samples, aiding, dip_deg=dip_deg, **options)
         if (mistake := _site_mistake(selection.best, reported, site)) is not None:
             return again, _with_mistake(reported, mistake, of_gaps)
     return selection.best, selection.aiding()
@@ -161,7 +170,7 @@ class _Selection:
     """Trial of sensors one after the other, each together with the sensors accepted before it."""
 
     samples: Samples
-    solver: Callable[..., Aided]
+    solver: Callable[..., AidedFit]
     rotation: Floats | None  # mounting of the magnetometer on the body, if it differs from the recorded axes
     site: Site | None
     dip_deg: float
@@ -169,12 +178,12 @@ class _Selection:
     standing: _Candidate  # the fit with the sensors accepted so far
     mistakes: list[Mistake]
     used: tuple[str, ...] = ()
-    turned: Aided | None = None  # the fit whose rotation alone is taken over
+    turned: AidedFit | None = None  # the fit whose rotation alone is taken over
     reports: list[AidingSensor] = field(default_factory=list)
     was_elsewhere: bool = False
 
     @property
-    def best(self) -> Aided:
+    def best(self) -> AidedFit:
         """The fit with the sensors accepted so far."""
         return self.standing.aided
 
@@ -188,7 +197,7 @@ class _Selection:
         if (mistake := self._mistake_of(name)) is not None:
             self.reports.append(AidingSensor(name, is_used=False, reason=mistake.words, code=mistake.code))
             return
-        replaced = [used for used in self.used if name in UPRIGHT and used in UPRIGHT]
+        replaced = [used for used in self.used if name in VERTICAL_SENSORS and used in VERTICAL_SENSORS]
         tried = (*(used for used in self.used if used not in replaced), name)
         try:
             aided = self.solver(tried, rotation=self.rotation, near=self.best)
@@ -197,7 +206,7 @@ class _Selection:
             return
         self.was_elsewhere = self.was_elsewhere or is_at_another_site(aided, self.site)
         claims = claim_deg(self.best, self.dip_deg), claim_deg(aided, self.dip_deg)
-        if (contradiction := _contradiction(self.samples, aided, name) or is_diverged(name, *claims)) is not None:
+        if (contradiction := _contradiction(self.samples, aided, name) or divergence(name, *claims)) is not None:
             self.mistakes += [] if self.is_auto else [contradiction]
             report = AidingSensor(name, is_used=False, reason=contradiction.words, code=contradiction.code)
             self.reports.append(report)
@@ -208,7 +217,7 @@ class _Selection:
             turned = self._take_rotation(trial, report, against)
             self.reports.append(turned or replace(report, is_used=False, reason=against))
             return
-        if name in UPRIGHT and not self.is_auto and self.turned is not None:
+        if name in VERTICAL_SENSORS and not self.is_auto and self.turned is not None:
             replaced, self.turned = [*replaced, self.turned.aiding[-1]], None
         self._report_replaced(replaced, name)
         self.reports.append(report)
@@ -218,16 +227,16 @@ class _Selection:
         """Reason found in the recording alone why a sensor cannot be used; None if it has to be tried."""
         drops = next((mistake for mistake in reversed(self.mistakes) if mistake.aid == name and mistake.drops), None)
         if drops is None and name == "attitude":
-            drops = circular(self.samples, self.best, self.dip_deg)
+            drops = compass_yaw_mistake(self.samples, self.best, self.dip_deg)
             self.mistakes += [] if drops is None else [drops]
         if drops is None and name == "dip":
-            drops = of_turns(self.samples, self._body_fit(), claim_deg(self.best, self.dip_deg))
+            drops = lean_mistake(self.samples, self._body_fit(), claim_deg(self.best, self.dip_deg))
             self.mistakes += [] if drops is None or self.is_auto else [drops]
         return drops
 
-    def _body_fit(self) -> Aided:
+    def _body_fit(self) -> AidedFit:
         """The fit with the accepted sensors, in body axes as far as they are known."""
-        if self.rotation is None or self.best.sees_rotation:
+        if self.rotation is None or self.best.has_rotation:
             return self.best
         return replace(self.best, parameters=replace(self.best.parameters, rotation=self.rotation))
 
@@ -252,27 +261,27 @@ class _Selection:
         """Result of the aiding sensors; of a sensor that gave the rotation alone, only the rotation."""
         best, mistakes = self.best, self.mistakes
         if "rate" in self.used and self.samples.rate is not None:
-            mistakes = [*mistakes, *one_axis(self.samples.rate - best.parameters.gyro_bias)]
-        is_seen = best.sees_rotation and self.is_auto
+            mistakes = [*mistakes, *one_axis_mistakes(self.samples.rate - best.parameters.gyro_bias)]
+        is_seen = best.has_rotation and self.is_auto
         source = best if self.turned is None or is_seen else self.turned
         aiding = Aiding.of(source, each=tuple(self.reports), mistakes=tuple(mistakes))
         return replace(aiding, excess_variance=best.excess_variance)
 
 
-def _contradiction(samples: Samples, aided: Aided, name: str) -> Mistake | None:
+def _contradiction(samples: Samples, aided: AidedFit, name: str) -> Mistake | None:
     """Contradiction between a sensor and the gyro, or the readings, in a fit with both; None if they agree."""
     if aided.scales_off:
-        return of_scales(aided.scales_off) if name == "rate" else of_aid_and_gyro(name, aided.scales_off)
-    return is_implausible(aided, name) or (of_turns(samples, aided) if name == "dip" else None)
+        return gyro_scale_mistake(aided.scales_off) if name == "rate" else gyro_contradiction(name, aided.scales_off)
+    return implausible_vertical(aided, name) or (lean_mistake(samples, aided) if name == "dip" else None)
 
 
-def _site_mistake(bent: Aided, without: Aiding, site: Site) -> Mistake | None:
+def _site_mistake(bent: AidedFit, without: Aiding, site: Site) -> Mistake | None:
     """Finding that the dip is not that of the site, by the fits with and without the site; None if it is."""
     if without.dip_deg is None:
-        return wrong_dip(dip_of(bent), site) if is_at_another_site(bent, site) else None
-    if not is_far(without.dip_deg, site, without.dip_sigma_deg or 0.0):
+        return wrong_dip_mistake(dip_of(bent), site) if is_at_another_site(bent, site) else None
+    if not is_other_dip(without.dip_deg, site, without.dip_sigma_deg or 0.0):
         return None
-    return mirrored_axis(without.dip_deg, site, without.rotation) or wrong_dip(without.dip_deg, site)
+    return mirrored_axis(without.dip_deg, site, without.rotation) or wrong_dip_mistake(without.dip_deg, site)
 
 
 def available(samples: Samples) -> tuple[str, ...]:
@@ -287,7 +296,7 @@ def available(samples: Samples) -> tuple[str, ...]:
     )
 
 
-def change_deg(first: Aided, second: Aided, dip_deg: float) -> float:
+def change_deg(first: AidedFit, second: AidedFit, dip_deg: float) -> float:
     """Heading difference of two corrections for a level vehicle, rms in degrees, without the mean difference.
 
     Both corrections are in the magnetometer's own axes; the rotation against the body does not matter.
@@ -299,7 +308,7 @@ def change_deg(first: Aided, second: Aided, dip_deg: float) -> float:
     return float(np.rad2deg(np.sqrt(np.mean(errors**2))))
 
 
-def claim_deg(aided: Aided, dip_deg: float) -> float:
+def claim_deg(aided: AidedFit, dip_deg: float) -> float:
     """Claimed worst level heading error, 1 σ, in degrees."""
     return min(level_error(aided.ellipsoid, aided.covariance[:9, :9], dip_deg=dip_deg).worst, 180.0)
 
@@ -310,7 +319,7 @@ def _plain_ellipsoid(samples: Samples) -> Ellipsoid:
     try:
         return Likelihood().estimate(readings).ellipsoid
     except FitError:
-        return start(readings)
+        return start_ellipsoid(readings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -318,14 +327,14 @@ class _Candidate:
     """A fit, and the fits of parts of its readings, which are computed on first use."""
 
     samples: Samples
-    aided: Aided
+    aided: AidedFit
     rotation: Floats | None
 
     @cached_property
     def fold_parameters(self) -> list[Parameters]:
         """Parameters of the fit without each fold in turn; without a rotation the axes count as those of the body."""
-        rotation = self.rotation if self.aided.sees_rotation else None
-        return fitted(self.samples, self.aided.aiding, rotation, self.aided)
+        rotation = self.rotation if self.aided.has_rotation else None
+        return fit_folds(self.samples, self.aided.aiding, rotation, self.aided)
 
     def hold_out_misfit(self, vertical: str | None) -> HoldOutMisfit:
         """Misfit of the left-out readings, with the vertical from one kind of sensor."""
@@ -339,7 +348,7 @@ class _AidTrial(NamedTuple):
     candidate: _Candidate
 
     @property
-    def aided(self) -> Aided:
+    def aided(self) -> AidedFit:
         """The fit with the sensor."""
         return self.candidate.aided
 
@@ -357,23 +366,23 @@ class _AidTrial(NamedTuple):
 
         The first sensor stays: a fit to the magnitude alone claims too little if residuals are correlated.
         """
-        if not self.standing.aided.aiding or report.after_deg <= MORE * report.before_deg:
+        if not self.standing.aided.aiding or report.after_deg <= MAX_CLAIM_RATIO * report.before_deg:
             return ""
         return claims_more(report.after_deg, report.before_deg)
 
     @property
     def sees_mounting(self) -> bool:
         """Whether the sensor is a vertical that observes the mounting, and the mounting is plausible."""
-        return self.aided.sees_rotation and self.aided.aiding[-1] in VERTICALS and not self._is_far()
+        return self.aided.has_rotation and self.aided.aiding[-1] in VERTICALS and not self._is_far()
 
     def rotation_words(self, report: AidingSensor) -> str:
         """Effect of the rotation by the sensor, in words; empty if the rotation is not proven or does not help."""
         covariance = self.aided.rotation_covariance
-        if covariance is None or self.standing.aided.sees_rotation or self.aided.aiding[-1] not in VERTICALS:
+        if covariance is None or self.standing.aided.has_rotation or self.aided.aiding[-1] not in VERTICALS:
             return ""
         angle = rotation_vectors(self.aided.parameters.rotation)
         is_proven = float(angle @ np.linalg.solve(covariance, angle)) >= MIN_ROTATION_CHI2
-        if not is_proven or self._is_far() or report.after_deg > FAR_CLAIM * report.before_deg:
+        if not is_proven or self._is_far() or report.after_deg > MAX_VERTICAL_CLAIM_RATIO * report.before_deg:
             return ""
         before, after = self._misfit(self.standing).height, self._misfit(self.candidate).height
         if not after < before:

@@ -11,13 +11,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Final, cast
 
-from flinders.core.joining import in_memory
+from flinders.core.joining import read_into_memory
 from flinders.errors import FitError, UsageError
-from flinders.estimators.level import Level, turned_level
+from flinders.estimators.level import Level, is_level_turn
 from flinders.fitting.aiding import AUTO, Aiding, AidingSensor
-from flinders.geometry.plane import down_of
+from flinders.geometry.plane import down_direction
 from flinders.heading.error_propagation import level_error
-from flinders.likelihood.prior import SPREAD
+from flinders.likelihood.prior import SOFT_IRON_SPREAD
 from flinders.summary.summary import is_flat
 
 if TYPE_CHECKING:
@@ -45,22 +45,22 @@ def aided_estimate(readings: Readings, request: Request) -> tuple[Estimate | Non
     """
     if not request.instruments:
         return None, None
-    asked = request.instruments.asked
+    asked = request.instruments.request
     if readings.recording is None:
         raise UsageError("aiding sensors need the columns of a recording, found only its summary: give the recording")
-    samples = in_memory(readings.recording)
-    is_thin = len(samples) >= Level.unknowns and turned_level(samples.field)
+    samples = read_into_memory(readings.recording)
+    is_thin = len(samples) >= Level.unknowns and is_level_turn(samples.field)
     turn = _level_turn(readings, request) if is_thin else None
     if turn is not None and _is_white(turn):
         return None, _report_unused(samples, asked)
-    from flinders.fitting.aid_selection import aided_by
+    from flinders.fitting.aid_selection import fit_with_aids
 
-    aided, result = aided_by(
+    aided, result = fit_with_aids(
         samples,
         asked,
         site=request.site,
         dip_deg=request.dip_deg,
-        spread=request.prior or SPREAD,
+        spread=request.prior or SOFT_IRON_SPREAD,
         **cast("dict[str, Any]", request.instruments.sigmas),
     )
     estimate = aided.estimate() if aided.aiding else None
@@ -90,7 +90,7 @@ def _is_level(turn: Estimate, aided: Estimate, dip_deg: float) -> bool:
 
     While a body leans, the readings within the plane leave the ellipse as well.
     """
-    worst = level_error(turn.ellipsoid, turn.covariance, dip_deg=dip_deg, down=down_of(turn.plane)).worst
+    worst = level_error(turn.ellipsoid, turn.covariance, dip_deg=dip_deg, down=down_direction(turn.plane)).worst
     return (
         _is_white(turn)
         or level_error(aided.ellipsoid, aided.covariance, dip_deg=dip_deg).worst > MIN_LEANING_RATIO * worst
@@ -105,10 +105,10 @@ def _report_unused(samples: Samples, aiding: str | Sequence[str]) -> Aiding:
     UsageError
         For a sensor that is unknown or was not recorded.
     """
-    from flinders.estimators.aiding import refuse_without
+    from flinders.estimators.aiding import refuse_missing_columns
     from flinders.fitting.aid_selection import available
 
     names = available(samples) if aiding == AUTO else (aiding,) if isinstance(aiding, str) else tuple(aiding)
-    refuse_without(samples, names)
+    refuse_missing_columns(samples, names)
     words = "the readings lie in one plane, as in a level turn, and it gives no information across that plane"
     return Aiding(tuple(AidingSensor(name, is_used=False, reason=words) for name in names))

@@ -18,10 +18,10 @@ from flinders.core.calibration_file import aiding_record
 from flinders.core.inertial import STANDARD_GRAVITY, Inertial, TiltError, Triad
 from flinders.errors import UsageError, figures
 from flinders.estimators.accelerometer_poses import unit_of
-from flinders.geometry.ellipsoid import symmetric
+from flinders.geometry.ellipsoid import symmetric_matrix
 from flinders.heading.tilt_error import tilt_error
 from flinders.likelihood.dip import ACCELERATION_SIGMA, GAIN_SIGMA, GRAVITY
-from flinders.likelihood.gyro import SCALE_SIGMA, grown
+from flinders.likelihood.gyro import SCALE_SIGMA, scale_matrix
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,15 +31,15 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.calibration_file import AidingRecord
     from flinders.diagnostics.instruments import Mistake
-    from flinders.estimators.aiding import Aided
+    from flinders.estimators.aiding import AidedFit
 
 AUTO: Final = "auto"
 """Request for every aiding sensor and disturbance that improves the calibration."""
 
-MORE: Final = 1.05
+MAX_CLAIM_RATIO: Final = 1.05
 """Largest ratio of claimed heading errors, with aiding sensors over without, at which the aided fit is used."""
 
-FAR_CLAIM: Final = 4.0
+MAX_VERTICAL_CLAIM_RATIO: Final = 4.0
 """Ratio of claimed heading errors, with a vertical over without, above which the vertical leans or is wrong."""
 
 VERTICALS: Final = ("dip", "tilt")
@@ -103,13 +103,13 @@ class Instruments:
         return aiding if isinstance(aiding, Instruments) else cls(aiding)
 
     @property
-    def asked(self) -> str | tuple[str, ...]:
+    def request(self) -> str | tuple[str, ...]:
         """The requested sensors: ``auto``, or a tuple of names."""
         return AUTO if tuple(self.names) == (AUTO,) else tuple(self.names)
 
     @property
     def sigmas(self) -> dict[str, float]:
-        """Keyword arguments of `flinders.fitting.aid_selection.aided_by` for the errors of the instruments."""
+        """Keyword arguments of `flinders.fitting.aid_selection.fit_with_aids` for the errors of the instruments."""
         return {
             "gyro_scale": self.gyro_scale_sigma,
             "acceleration_bias": self.acceleration_bias_sigma,
@@ -128,7 +128,7 @@ AnyAiding: TypeAlias = "str | Sequence[str] | Instruments"
 class AidingSensor:
     """Effect of one aiding sensor on a fit."""
 
-    name: str  # one of `flinders.estimators.aiding.AIDS`
+    name: str  # one of `flinders.estimators.aiding.AIDING_TERMS`
     is_used: bool  # False if it was left out
     heading_change_deg: float = 0.0  # change of the heading of a level vehicle by it, rms
     before_deg: float = 0.0  # worst heading error claimed without it
@@ -176,7 +176,7 @@ class Aiding:
         return float(np.rad2deg(np.sqrt(z + 0.5 * np.tan(np.deg2rad(dip_deg)) ** 2 * (x + y))))
 
     @classmethod
-    def of(cls, aided: Aided, *, each: tuple[AidingSensor, ...] = (), mistakes: tuple[Mistake, ...] = ()) -> Self:
+    def of(cls, aided: AidedFit, *, each: tuple[AidingSensor, ...] = (), mistakes: tuple[Mistake, ...] = ()) -> Self:
         """Results of the aiding sensors in a fit."""
         at, layout = aided.parameters, aided.layout
         sine, delay = aided.of("sine"), aided.of("delay")
@@ -185,8 +185,8 @@ class Aiding:
         level = np.sqrt(max(1.0 - at.sine**2, 1e-6))
         return cls(
             sensors=each,
-            rotation=at.rotation if aided.sees_rotation else None,
-            rotation_covariance=aided.rotation_covariance if aided.sees_rotation else None,
+            rotation=at.rotation if aided.has_rotation else None,
+            rotation_covariance=aided.rotation_covariance if aided.has_rotation else None,
             gyro_bias=None if gyro is None else at.gyro_bias,
             gyro_bias_sigma=gyro,
             acceleration_bias=None if accelerometer is None else GRAVITY * at.accelerometer[:3],
@@ -235,7 +235,9 @@ class Aiding:
         ['with it the heading error is 7.2°, without it 2.2°', 'turning is unknown']
         """
         used = [sensor.name for sensor in self.sensors if sensor.is_used]
-        is_turned = not is_refused and with_deg <= FAR_CLAIM * without_deg and bool({*VERTICALS} & {*used})
+        is_turned = (
+            not is_refused and with_deg <= MAX_VERTICAL_CLAIM_RATIO * without_deg and bool({*VERTICALS} & {*used})
+        )
         reason = claims_more(with_deg, without_deg, used)
 
         def with_reason(sensor: AidingSensor) -> AidingSensor:
@@ -316,20 +318,20 @@ def claims_more(with_deg: float, without_deg: float, used: Sequence[str] = ()) -
     return f"with {those} the heading error is {figures(with_deg)}°, without {them} {figures(without_deg)}°"
 
 
-def _acceleration_matrix(aided: Aided) -> dict[str, Any]:
+def _acceleration_matrix(aided: AidedFit) -> dict[str, Any]:
     """Gains and misalignment of the accelerometer with 1 σ, its unit, and the error of its vertical."""
     covariance, errors = aided.of("accelerometer"), aided.parameters.accelerometer
     if covariance is None:
         return {}
     return {
-        "acceleration_matrix": np.eye(3) + symmetric(errors[3:]),
-        "acceleration_matrix_sigma": symmetric(np.sqrt(np.diag(covariance)[3:])),
+        "acceleration_matrix": np.eye(3) + symmetric_matrix(errors[3:]),
+        "acceleration_matrix_sigma": symmetric_matrix(np.sqrt(np.diag(covariance)[3:])),
         "gravity_reading": aided.gravity_reading,
         "tilt_error": tilt_error(errors, covariance),
     }
 
 
-def _gyro_matrix(aided: Aided) -> dict[str, Any]:
+def _gyro_matrix(aided: AidedFit) -> dict[str, Any]:
     """Gains, misalignment and mounting of the gyro with 1 σ, as far as they were estimated."""
     if aided.of("gyro_scale") is None:
         return {}
@@ -338,12 +340,12 @@ def _gyro_matrix(aided: Aided) -> dict[str, Any]:
     turn = at.gyro_turn if "gyro_turn" in columns else np.zeros(3)
     by = _entries(len(rows))
     variances = np.einsum("ri,ij,rj->r", by, aided.covariance[np.ix_(rows, rows)], by).reshape(3, 3)
-    return {"gyro_matrix": grown(np.concatenate([at.gyro_scale, turn])), "gyro_matrix_sigma": np.sqrt(variances)}
+    return {"gyro_matrix": scale_matrix(np.concatenate([at.gyro_scale, turn])), "gyro_matrix_sigma": np.sqrt(variances)}
 
 
 def _entries(free: int) -> Floats:
     """(9, n) derivative of the entries of 1 + Γ + [ψ]× with respect to the first n parameters of Γ and ψ."""
-    moved: Floats = np.array([(grown(row) - np.eye(3)).ravel() for row in np.eye(9)[:free]]).T
+    moved: Floats = np.array([(scale_matrix(row) - np.eye(3)).ravel() for row in np.eye(9)[:free]]).T
     return moved
 
 

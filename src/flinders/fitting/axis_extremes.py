@@ -19,21 +19,21 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.arrays import floats
+from flinders.arrays import to_floats
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import Fitted
-from flinders.core.keywords import spell_checked
-from flinders.core.units import Unit, label
+from flinders.core.keywords import check_keywords
+from flinders.core.units import Unit, unit_label
 from flinders.errors import UsageError
-from flinders.estimators.data import LARGEST, SMALLEST
-from flinders.estimators.minmax import MinMax, spanned, strength_of
-from flinders.findings import Finding, certain, linked
+from flinders.estimators.data import MAX_READING, MIN_READING
+from flinders.estimators.minmax import MinMax, corrected_length, extremes_ellipsoid
+from flinders.findings import Finding, certain_finding, link_causes
 from flinders.fitting.result import Judged, Outcome
-from flinders.fitting.verdict import of_calibration
+from flinders.fitting.verdict import calibration_findings
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.heading.error_propagation import level_error
-from flinders.likelihood.equations import FINEST
+from flinders.likelihood.equations import MIN_NOISE
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -57,7 +57,7 @@ class Extremes(Judged, Outcome):
     @property
     def ellipsoid(self) -> Ellipsoid:
         """The ellipsoid that the calibration maps to a sphere."""
-        return spanned(self.low, self.high)
+        return extremes_ellipsoid(self.low, self.high)
 
     @property
     def scale(self) -> Floats:
@@ -91,7 +91,7 @@ class Extremes(Judged, Outcome):
         return f"Extremes({self.verdict}, offset {offset}, scale {scale})"
 
 
-@spell_checked()
+@check_keywords()
 def from_extremes(
     numbers: ArrayLike,
     *,
@@ -141,23 +141,25 @@ def from_extremes(
     axes = Axes.of(axes) if isinstance(axes, str) else axes or Axes()
     mapped = axes.apply(unit.scale * _pairs(numbers).T)
     low, high = mapped.min(axis=0), mapped.max(axis=0)
-    ellipsoid = spanned(low, high)
+    ellipsoid = extremes_ellipsoid(low, high)
     calibration = Calibration.from_ellipsoid(
         ellipsoid.centre,
         ellipsoid.shape,
-        field_strength=strength_of(ellipsoid.shape.diagonal(), variant) if field_strength is None else field_strength,
+        field_strength=corrected_length(ellipsoid.shape.diagonal(), variant)
+        if field_strength is None
+        else field_strength,
         raw=unit,
         axes=axes,
         sensor=sensor,
     )
     extremes = Extremes(replace(calibration, field_strength_known=field_strength is not None), low, high)
-    findings = linked([_finding(extremes, target_deg, dip_deg), *of_calibration(extremes.calibration)])
+    findings = link_causes([_finding(extremes, target_deg, dip_deg), *calibration_findings(extremes.calibration)])
     return replace(extremes, findings=findings)
 
 
 def _pairs(numbers: ArrayLike) -> Floats:
     """(3, 2) smallest and largest of each axis."""
-    values = floats(numbers, "extremes")
+    values = to_floats(numbers, "extremes")
     if values.shape != (6,):
         raise UsageError(f"extremes are {values.size} numbers: need six, smallest and largest of x, of y and of z")
     pairs = values.reshape(3, 2)
@@ -165,7 +167,7 @@ def _pairs(numbers: ArrayLike) -> Floats:
         if not low < high:
             raise UsageError(f"{axis} goes from {low:g} to {high:g}: need the smaller first, and two different numbers")
     half = np.diff(pairs / 2.0, axis=1)
-    if not (half.min() > max(SMALLEST, FINEST * half.max()) and np.abs(pairs).max() < LARGEST):
+    if not (half.min() > max(MIN_READING, MIN_NOISE * half.max()) and np.abs(pairs).max() < MAX_READING):
         raise UsageError(f"half-ranges of {half.min():.3g} to {half.max():.3g}: no magnetometer reads such numbers")
     return pairs
 
@@ -180,4 +182,4 @@ def _finding(extremes: Extremes, target_deg: float, dip_deg: float) -> Finding:
         sphere = Ellipsoid(extremes.ellipsoid.centre, half.max() * np.eye(3))
         worst = level_error(sphere, covariance, dip_deg=dip_deg).worst
     values = {"is_typed": 1.0, "unturned_deg": worst, "target_deg": target_deg, "shortfall": shortfall}
-    return certain({**values, "unit": label(extremes.calibration.unit)}, TYPED_FINDING)
+    return certain_finding({**values, "unit": unit_label(extremes.calibration.unit)}, TYPED_FINDING)

@@ -28,13 +28,13 @@ from flinders.estimators.likelihood import Likelihood
 from flinders.estimators.rests import Rests
 from flinders.estimators.robust import Robust
 from flinders.findings import first_causes
-from flinders.findings.catalogue import OF_A_FIT
+from flinders.findings.catalogue import ENGINE_FINDINGS
 from flinders.findings.rules import SEVERITIES
 from flinders.fitting import calibrate
 from flinders.fitting.record import ASKS_HALVES, ASKS_SWAP
 from flinders.fitting.result import Fit, Refused
 from flinders.fitting.verdict import headline_of
-from flinders.geometry.ellipsoid import Ellipsoid, symmetric
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric_matrix
 from flinders.likelihood.site_field import Site
 from flinders.native.engine import engine
 
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.native.layouts import Records
 
-UPPER: Final = np.flatnonzero(np.triu(np.ones((9, 9))).ravel())
+UPPER_ENTRIES: Final = np.flatnonzero(np.triu(np.ones((9, 9))).ravel())
 """The 45 entries of a covariance on and above its diagonal, row by row."""
 
 WIDTHS: Final = {"offset": 3, "matrix": 9, "covariance": 45}
@@ -57,14 +57,14 @@ LIMITS, REFUSES = SEVERITIES.index("limits"), SEVERITIES.index("refuses")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Lined:
+class ConcatenatedRecordings:
     """Recordings stored one after the other in the same columns, as in a table of a fleet.
 
     A sequence of `Samples`, each of which is created on access.
 
     Examples
     --------
-    >>> lined = Lined(Samples.of(np.arange(18.0).reshape(6, 3)), np.array([2, 6]), ["A17", "B02"])
+    >>> lined = ConcatenatedRecordings(Samples.of(np.arange(18.0).reshape(6, 3)), np.array([2, 6]), ["A17", "B02"])
     >>> lined[1].source, len(lined[1])
     ('B02', 4)
     """
@@ -148,7 +148,9 @@ class BatchColumns(FitColumns):
         return f"BatchColumns({verdicts}; {int(self.by_record.sum())} of {len(self)} by their records)"
 
 
-def fit_batch(units: Sequence[Samples] | Lined, *, target_deg: float = 1.0, dip_deg: float = 60.0) -> BatchColumns:
+def fit_batch(
+    units: Sequence[Samples] | ConcatenatedRecordings, *, target_deg: float = 1.0, dip_deg: float = 60.0
+) -> BatchColumns:
     """Fit and judge many units in one call, with the results of `flinders.fit` for each.
 
     Raises `UsageError` for a target that is not positive, or within a degree of the magnetic poles.
@@ -180,7 +182,7 @@ def fit_batch(units: Sequence[Samples] | Lined, *, target_deg: float = 1.0, dip_
         _fill(columns, there, records, judgements, whole.unit.inside)
     for place in np.flatnonzero(~columns.by_record | (columns.verdict == "limited")).tolist():
         one = units[place]
-        result = _alone(one, target_deg=target_deg, dip_deg=dip_deg)
+        result = _fit_one(one, target_deg=target_deg, dip_deg=dip_deg)
         if columns.by_record[place]:
             _explain(columns, place, result)
             continue
@@ -189,18 +191,22 @@ def fit_batch(units: Sequence[Samples] | Lined, *, target_deg: float = 1.0, dip_
     return columns
 
 
-def _with_disturbances(units: Sequence[Samples] | Lined, places: NDArray[np.intp]) -> Iterator[tuple[int, Samples]]:
+def _with_disturbances(
+    units: Sequence[Samples] | ConcatenatedRecordings, places: NDArray[np.intp]
+) -> Iterator[tuple[int, Samples]]:
     """Yield index and readings of each unit with currents, throttles or temperatures."""
-    if isinstance(units, Lined) and not units.whole.disturbances:
+    if isinstance(units, ConcatenatedRecordings) and not units.whole.disturbances:
         return
     for number, place in enumerate(places.tolist()):
         if (one := units[place]).disturbances:
             yield number, one
 
 
-def _groups(units: Sequence[Samples] | Lined) -> Iterator[tuple[NDArray[np.intp], Samples, NDArray[np.int64]]]:
+def _groups(
+    units: Sequence[Samples] | ConcatenatedRecordings,
+) -> Iterator[tuple[NDArray[np.intp], Samples, NDArray[np.int64]]]:
     """Yield groups of units that need their readings alone: their indices, joined readings and start indices."""
-    if isinstance(units, Lined):
+    if isinstance(units, ConcatenatedRecordings):
         if _is_plain(units.whole):
             yield np.arange(len(units)), units.whole, np.concatenate([[0], units.ends])
         return
@@ -228,7 +234,7 @@ def _is_sufficient(records: Records, inside: str) -> NDArray[np.bool_]:
 
 def _surface(record: Records) -> Ellipsoid:
     """The ellipsoid of a record."""
-    return Ellipsoid(record["centre"], symmetric(record["shape"]))
+    return Ellipsoid(record["centre"], symmetric_matrix(record["shape"]))
 
 
 def _limit(record: Records) -> float:
@@ -241,7 +247,7 @@ def _add_unmodelled(records: Records, disturbed: Iterator[tuple[int, Samples]]) 
     for place, one in disturbed:
         record = records[place]
         time = float(np.nan_to_num(record["correlation_time"], nan=1.0))
-        once = Rests.of(one).fitted(one) if record["rests"] else one
+        once = Rests.of(one).average(one) if record["rests"] else one
         unmodelled = unmodelled_of(once, _surface(record), dip_deg=record["dip_deg"], time=time, limit=_limit(record))
         record["unmodelled_deg"] = np.nan if unmodelled is None else unmodelled.heading_deg
 
@@ -269,7 +275,7 @@ def _fill(columns: BatchColumns, places: NDArray[np.intp], records: Records, jud
     columns.readings[places], columns.samples[places] = records["rows"], records["used"]
     columns.offset[places] = records["centre"]
     columns.matrix[places] = _corrections(_shapes(records), records["radius"]).reshape(-1, 9)
-    columns.covariance[places] = judged["covariance"][:, UPPER]
+    columns.covariance[places] = judged["covariance"][:, UPPER_ENTRIES]
     columns.noise[places], columns.field_strength[places] = records["noise"], records["radius"]
     columns.worst_deg[places], columns.rms_deg[places] = judged["worst_deg"], judged["rms_deg"]
     columns.bound_95_deg[places] = judged["bound_deg"]
@@ -290,11 +296,11 @@ def _finding_codes(severities: NDArray[np.uint8]) -> NDArray[np.object_]:
     named: NDArray[np.object_] = np.empty(len(first), dtype=object)
     for place, row in enumerate(severities[first].tolist()):
         order = sorted((rule for rule, severity in enumerate(row) if severity), key=lambda rule: -row[rule])
-        named[place] = tuple(OF_A_FIT[rule] for rule in order)
+        named[place] = tuple(ENGINE_FINDINGS[rule] for rule in order)
     return np.asarray(named[kind.ravel()])
 
 
-def _alone(one: Samples, *, target_deg: float, dip_deg: float) -> Fit | Exception:
+def _fit_one(one: Samples, *, target_deg: float, dip_deg: float) -> Fit | Exception:
     """Result of `flinders.fit` for one unit: the fit, or the error that it raises."""
     try:
         return calibrate.fit(one, target_deg=target_deg, site=Site(inclination_deg=dip_deg))
@@ -335,7 +341,7 @@ def fill_row(columns: FitColumns, place: int, result: Fit | Exception) -> None:
         return
     columns.offset[place], columns.field_strength[place] = result.calibration.offset, result.calibration.field_strength
     columns.matrix[place] = result.calibration.matrix.ravel()
-    columns.covariance[place] = result.claim.claimed_covariance.ravel()[UPPER]
+    columns.covariance[place] = result.claim.claimed_covariance.ravel()[UPPER_ENTRIES]
     columns.bound_95_deg[place] = result.claim.heading_bound_deg
 
 

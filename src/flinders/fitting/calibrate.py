@@ -13,25 +13,25 @@ from functools import partial
 from typing import TYPE_CHECKING, Final, NamedTuple, Self, TypeAlias, cast
 
 from flinders.core.axes import Axes
-from flinders.core.calibration import AS_RECORDED, UNSTATED, Calibration
+from flinders.core.calibration import RECORDED_AXES, UNKNOWN_UNIT, Calibration
 from flinders.core.disturbance import is_column
-from flinders.core.keywords import spell_checked
+from flinders.core.keywords import check_keywords
 from flinders.core.samples import Samples, frame_of
 from flinders.core.units import Unit
 from flinders.diagnostics.systematic import nonlinearity_in
 from flinders.errors import FitError, UsageError
-from flinders.estimators import Readings, within_range
+from flinders.estimators import Readings, remove_saturated
 from flinders.estimators.auto import Auto
 from flinders.estimators.data import recording_of
 from flinders.fitting.aided_estimate import aided_estimate
-from flinders.fitting.aiding import AUTO, MORE, Aiding, AidingSensor, Instruments
+from flinders.fitting.aiding import AUTO, MAX_CLAIM_RATIO, Aiding, AidingSensor, Instruments
 from flinders.fitting.diagnosis import add_faults, faults_of_axes
-from flinders.fitting.estimated import Estimated, turned_readings
-from flinders.fitting.judgement import accepted, judged, mounted
+from flinders.fitting.estimated import Estimated, require_turned
+from flinders.fitting.judgement import judge, require_accepted, with_mounting_error
 from flinders.fitting.request import Request, estimator_of, refuse_combinations
-from flinders.fitting.result import of_recording
-from flinders.fitting.widening import claimed
-from flinders.likelihood.prior import SPREAD
+from flinders.fitting.result import with_recording
+from flinders.fitting.widening import widen_claim
+from flinders.likelihood.prior import SOFT_IRON_SPREAD
 from flinders.native.engine import engine
 from flinders.readers._auxiliary import with_auxiliary
 from flinders.summary.summary import Summary
@@ -55,7 +55,7 @@ if TYPE_CHECKING:
 
     AnyReadings: TypeAlias = Recording | Summary | ArrayLike | AnySource
 
-ELSEWHERE: Final = {
+PARAMETERS_ELSEWHERE: Final = {
     **dict.fromkeys(("pattern", "scale", "topic", "as_logged", "start", "end"), "flinders.read"),
     **dict.fromkeys(("strength", "field_strength"), "flinders.Site, as strength"),
     **dict.fromkeys(("dip", "dip_deg", "inclination_deg"), "flinders.Site, as inclination_deg"),
@@ -94,7 +94,7 @@ class _Frame(NamedTuple):
         return cls(recording.unit, recording.axes, frame_of(recording))
 
 
-@spell_checked(ELSEWHERE)
+@check_keywords(PARAMETERS_ELSEWHERE)
 def fit(
     source: AnyReadings,
     *,
@@ -169,7 +169,7 @@ def fit(
     """
     request = Request.of(site, target_deg=target_deg, instruments=Instruments.of(aiding) if aiding else None)
     estimator = estimator_of(method, request)
-    request = replace(request, prior=getattr(estimator, "prior", SPREAD))
+    request = replace(request, prior=getattr(estimator, "prior", SOFT_IRON_SPREAD))
     refuse_combinations(estimator, request, disturbances, linearize=linearize)
     unit = Unit.of(unit) if isinstance(unit, str) else unit
     axes = Axes.of(axes) if isinstance(axes, str) else axes
@@ -190,7 +190,7 @@ def fit(
     ):
         left_out = _replaced_aiding(result, judged_with(alone), found.aiding)
         result = result if left_out is None else judged_with(alone._replace(aiding=left_out))
-    return accepted(of_recording(mounted(result, request.alignment_sigma_deg), given))
+    return require_accepted(with_recording(with_mounting_error(result, request.alignment_sigma_deg), given))
 
 
 def _judge(
@@ -209,7 +209,7 @@ def _judge(
     calibration = _in_body_axes(_calibration(widened.estimate, request, frame, sensor), found.aiding)
     if found.linearized is not None:
         calibration = replace(calibration, linearization=found.linearized.linearization)
-    return judged(widened, found, calibration, request)
+    return judge(widened, found, calibration, request)
 
 
 def _estimate_without_aiding(
@@ -231,7 +231,7 @@ def _replaced_aiding(aided: Fit, alone: Fit, aiding: Aiding | None) -> Aiding | 
     """
     with_deg, without_deg = aided.heading_error_deg.worst, alone.heading_error_deg.worst
     is_refused = aided.verdict == "refused"
-    is_less = not alone.claim.plane and with_deg > MORE * without_deg
+    is_less = not alone.claim.plane and with_deg > MAX_CLAIM_RATIO * without_deg
     if aiding is None or alone.verdict == "refused" or not (is_refused or is_less):
         return None
     return aiding.left_out(min(with_deg, 180.0), without_deg, is_refused=is_refused)
@@ -251,26 +251,26 @@ def _compensate(source: Recording | Summary, disturbances: Sequence[str], reques
     tried: tuple[AidingSensor, ...] = ()
     if (
         request.instruments
-        and request.instruments.asked == AUTO
+        and request.instruments.request == AUTO
         and not disturbances
         and not isinstance(source, Summary)
     ):
-        from flinders.fitting.disturbance_selection import earned
+        from flinders.fitting.disturbance_selection import select_disturbances
 
-        disturbances, tried = earned(source, spread=request.prior, dip_deg=request.dip_deg)
+        disturbances, tried = select_disturbances(source, spread=request.prior, dip_deg=request.dip_deg)
     states: Mapping[str, tuple[str, ...]] = {}
     unused: tuple[DisturbanceEstimate, ...] = ()
     if any(map(is_column, disturbances)) and not isinstance(source, Summary):
-        from flinders.fitting.column_selection import selected
+        from flinders.fitting.column_selection import select_columns
 
-        source, disturbances, unused, states = selected(
+        source, disturbances, unused, states = select_columns(
             with_auxiliary(source, disturbances), disturbances, spread=request.prior
         )
     if not disturbances:
         return _Compensated(source, None, tried, unused)
-    from flinders.estimators.disturbance import with_disturbances
+    from flinders.estimators.disturbance import fit_and_compensate
 
-    disturbed, recording = with_disturbances(source, disturbances, spread=request.prior)
+    disturbed, recording = fit_and_compensate(source, disturbances, spread=request.prior)
     return _Compensated(recording, disturbed.with_states(states), tried, unused)
 
 
@@ -280,16 +280,16 @@ def _estimate(readings: Readings, estimator: Estimator, request: Request, unit: 
         recorded = Estimated.of_record(estimator, readings, unit)
         if recorded is not None:
             return recorded
-    readings = within_range(turned_readings(readings, estimator, unit))
+    readings = remove_saturated(require_turned(readings, estimator, unit))
     if estimator.name in METHODS_MERGING_RESTS:
-        readings = readings.fitted()
-    joint, aiding = aided_estimate(readings.as_read, request)
+        readings = readings.for_fit()
+    joint, aiding = aided_estimate(readings.all_readings, request)
     if joint is not None:
         return Estimated.of(joint, readings, aiding)._replace(is_joint=True)
-    from flinders.estimators.one_strength import at_one_strength
+    from flinders.estimators.one_strength import scale_to_one_strength
 
     estimate = _apply_site(estimator.estimate(readings), readings, request)
-    return Estimated.of(estimate, at_one_strength(readings, estimate), aiding)
+    return Estimated.of(estimate, scale_to_one_strength(readings, estimate), aiding)
 
 
 def _linearize(plain: Estimated, estimator: Estimator, request: Request, unit: Unit | None) -> Estimated:
@@ -307,21 +307,21 @@ def _linearize(plain: Estimated, estimator: Estimator, request: Request, unit: U
             hint={"linearize": True},
         )
     curved, lag = faults_of_axes(plain.estimate, plain)
-    recording = plain.readings.as_read.recording
+    recording = plain.readings.all_readings.recording
     if plain.record is None or not isinstance(recording, Samples) or curved is None or not curved.is_likely:
         return plain
     if lag is not None and lag.is_proven and lag.p_value < curved.p_value:  # a delay resembles a nonlinearity
         return plain
-    from flinders.fitting.linearization import ROUNDS, AxisTerms
+    from flinders.fitting.linearization import MAX_ROUNDS, AxisTerms
 
     terms, found = AxisTerms.of(curved, plain.estimate.ellipsoid), plain
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ROUNDS):
         linear = Readings.of(replace(recording, field=terms.linear(recording.field)))
         fitted = Estimated.of_record(estimator, linear, unit, has_sigma=True)
         if fitted is None or fitted.record is None:
             return plain
         left = nonlinearity_in(fitted.record)
-        found, before, terms = fitted, terms, terms.refined(left, fitted.estimate.ellipsoid)
+        found, before, terms = fitted, terms, terms.refine(left, fitted.estimate.ellipsoid)
         if terms.is_close(before):
             break
     linearized = found._replace(linearized=terms)
@@ -342,7 +342,7 @@ def _claim(found: Estimated, estimator: Estimator, request: Request) -> Widened:
 
     An estimate of `auto` by the magnitude alone, with a prior, is shrunk if its readings were corrected before.
     """
-    widened = claimed(
+    widened = widen_claim(
         found.estimate,
         found.readings,
         request.likelihood,
@@ -353,13 +353,13 @@ def _claim(found: Estimated, estimator: Estimator, request: Request) -> Widened:
         is_joint=found.is_joint,
     )
     if found.disturbed is not None:
-        widened = widened.widened(found.disturbed.widened(widened.estimate.covariance))
+        widened = widened.with_covariance(found.disturbed.widen(widened.estimate.covariance))
     is_plain = isinstance(estimator, Auto) and not found.is_joint and found.disturbed is None
     engine().claim(widened.record, engine().request(shrinks=is_plain and request.prior is not None))
-    return widened.shrunk() if widened.record["is_shrunk"] > 0 else widened
+    return widened.with_shrinkage() if widened.record["is_shrunk"] > 0 else widened
 
 
-def judged_as(
+def judge_estimate(
     estimate: Estimate,
     source: Recording | Readings,
     *,
@@ -394,10 +394,10 @@ def judged_as(
     """
     request = Request.of(site, target_deg=target_deg)
     request = replace(request, dip_assumed=dip_assumed or request.dip_assumed)
-    readings = source if isinstance(source, Readings) else within_range(Readings.of(source))
+    readings = source if isinstance(source, Readings) else remove_saturated(Readings.of(source))
     found = Estimated.of(estimate, readings, aiding_result)._replace(refreshed=refreshed)
     calibration = _in_body_axes(_calibration(estimate, request, _Frame.of(readings.recording), sensor), aiding_result)
-    widened = claimed(
+    widened = widen_claim(
         estimate,
         found.readings,
         request.likelihood,
@@ -405,8 +405,8 @@ def judged_as(
         coverage=found.coverage,
         is_joint=True,
     )
-    fit = mounted(judged(widened, found, calibration, request), request.alignment_sigma_deg)
-    return accepted(of_recording(fit, readings.as_read.recording))
+    fit = with_mounting_error(judge(widened, found, calibration, request), request.alignment_sigma_deg)
+    return require_accepted(with_recording(fit, readings.all_readings.recording))
 
 
 def _in_body_axes(calibration: Calibration, aiding_result: Aiding | None) -> Calibration:
@@ -420,10 +420,10 @@ def _apply_site(estimate: Estimate, readings: Readings, request: Request) -> Est
     """Apply the known field of the site to an estimate."""
     if estimate.bias is not None or readings.recording is None:
         return estimate
-    from flinders.estimators.known_dip import sited
+    from flinders.estimators.known_dip import update_by_site
 
     mounting = {"alignment_sigma_deg": request.alignment_sigma_deg}
-    return sited(estimate, readings, request.site, dip_deg=request.dip_deg, **mounting)
+    return update_by_site(estimate, readings, request.site, dip_deg=request.dip_deg, **mounting)
 
 
 def _calibration(estimate: Estimate, request: Request, frame: _Frame, sensor: str | None) -> Calibration:
@@ -435,8 +435,8 @@ def _calibration(estimate: Estimate, request: Request, frame: _Frame, sensor: st
         estimate.ellipsoid.centre,
         estimate.ellipsoid.shape,
         field_strength=estimate.strength if given is None else given,
-        raw=frame.unit or UNSTATED,
-        axes=frame.axes or AS_RECORDED,
+        raw=frame.unit or UNKNOWN_UNIT,
+        axes=frame.axes or RECORDED_AXES,
         sensor=sensor,
         frame=frame.name,
     )

@@ -20,7 +20,7 @@ from flinders.core.geomag import ASSUMED_DIP_DEG
 from flinders.core.short_repr import ShortRepr
 from flinders.errors import ArrayError
 from flinders.findings.headline import Claimed, error_words
-from flinders.geometry.plane import down_of
+from flinders.geometry.plane import down_direction
 from flinders.heading.error_propagation import (
     DirectionError,
     HeadingError,
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.geometry.plane import Plane
 
-TILTS: Final = (10.0, 30.0, 90.0)
+TILTS_DEG: Final = (10.0, 30.0, 90.0)
 """Tilts at which reports state the heading error."""
 
 NO_ERROR: Final = HeadingError(math.nan, math.nan, math.nan)
@@ -114,7 +114,7 @@ class Claim(ShortRepr):
         """
         if not self.structure_deg:
             return self.covariance
-        return engine().with_structure(
+        return engine().add_structure(
             self.ellipsoid.shape, self.covariance, structure_deg=self.structure_deg, dip_deg=self.known_dip_deg
         )
 
@@ -128,13 +128,13 @@ class Claim(ShortRepr):
         """Heading error by the covariance for independent residuals, 1 σ."""
         if self.textbook_covariance is None:
             return None
-        down = down_of(self.plane)
+        down = down_direction(self.plane)
         return level_error(self.ellipsoid, self.textbook_covariance, dip_deg=self.known_dip_deg, down=down)
 
     def level_error(self, dip_deg: float | None = None) -> HeadingError:
         """Expected heading error of a level vehicle, 1 σ; by default at the dip that the fit was judged at."""
         dip = self.known_dip_deg if dip_deg is None else dip_deg
-        return level_error(self.ellipsoid, self.claimed_covariance, dip_deg=dip, down=down_of(self.plane))
+        return level_error(self.ellipsoid, self.claimed_covariance, dip_deg=dip, down=down_direction(self.plane))
 
     @property
     def heading_bound_deg(self) -> float:
@@ -144,24 +144,24 @@ class Claim(ShortRepr):
         """
         if not self.states_uncertainty:
             return math.nan
-        dip, down = self.known_dip_deg, down_of(self.plane)
+        dip, down = self.known_dip_deg, down_direction(self.plane)
         bound_deg = level_bound_deg(self.ellipsoid, self.claimed_covariance, dip_deg=dip, down=down)
         return float(f"{bound_deg:.4g}")  # a file that is read and written again has the same digits
 
     @property
-    def of_headings(self) -> Claimed:
+    def headline_numbers(self) -> Claimed:
         """Numbers of the claim for a headline."""
         return Claimed(self.heading_error_deg.worst, self.heading_bound_deg, self.target_deg)
 
     def tilted_error(self, tilt_deg: float) -> HeadingError:
         """Expected heading error of a vehicle that is rolled or pitched by a known angle, 1 σ."""
-        dip, down = self.known_dip_deg, down_of(self.plane)
+        dip, down = self.known_dip_deg, down_direction(self.plane)
         return tilted_error(self.ellipsoid, self.claimed_covariance, dip_deg=dip, tilt_deg=tilt_deg, down=down)
 
     @property
     def attitude_limit_deg(self) -> float:
         """Tilt up to which the worst heading error is within the target: 0 if not even level, 180 if at any tilt."""
-        dip, down = self.known_dip_deg, down_of(self.plane)
+        dip, down = self.known_dip_deg, down_direction(self.plane)
         claimed, limit = self.claimed_covariance, self.target_deg
         return attitude_limit_deg(self.ellipsoid, claimed, dip_deg=dip, limit_deg=limit, down=down)
 
@@ -173,10 +173,10 @@ class Claim(ShortRepr):
     @property
     def uncorrected_heading_error_deg(self) -> HeadingError:
         """Heading error of the same vehicle without the calibration, if the calibration is right."""
-        return raw_error(self.ellipsoid, dip_deg=self.known_dip_deg, down=down_of(self.plane))
+        return raw_error(self.ellipsoid, dip_deg=self.known_dip_deg, down=down_direction(self.plane))
 
 
-def parameters_of(calibration: Calibration) -> tuple[str, ...]:
+def parameter_names(calibration: Calibration) -> tuple[str, ...]:
     """Names of the rows of the covariance of all parameters, disturbances included."""
     disturbances = calibration.disturbances
     named = [f"{disturbance.kind.key}_{axis}" for disturbance in disturbances for axis in "xyz"]
@@ -186,7 +186,7 @@ def parameters_of(calibration: Calibration) -> tuple[str, ...]:
 
 def heading_words(claim: Claim) -> str:
     """The worst heading error, 1 σ, and its bound in words, as ``0.32° (95 % within 0.71°)``."""
-    return error_words(claim.of_headings)
+    return error_words(claim.headline_numbers)
 
 
 def dip_words(claim: Claim) -> str:

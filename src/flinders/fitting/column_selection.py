@@ -12,7 +12,7 @@ currents, throttles and temperatures are always followed.
 >>> noise = {"humidity": np.random.default_rng(1).normal(size=1200)}
 >>> drive = simulate.tumble(seed=1, n=1200, disturbances=[wheel]).samples
 >>> drive = replace(drive, auxiliary={**drive.auxiliary, **noise})
->>> found = selected(drive, ("wheel_rpm", "humidity"))
+>>> found = select_columns(drive, ("wheel_rpm", "humidity"))
 >>> found.names, [one.name for one in found.unused]
 (('wheel_rpm',), ['humidity'])
 """
@@ -22,16 +22,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from flinders.core.disturbance import is_column
-from flinders.core.joining import in_memory, joined, singles
-from flinders.diagnostics.attitude_following import following
+from flinders.core.joining import join_recordings, read_into_memory, single_recordings
+from flinders.diagnostics.attitude_following import predicted_share
 from flinders.errors import FollowsAttitude
-from flinders.estimators.columns import in_numbers, states_in
+from flinders.estimators.columns import column_states, convert_states
 from flinders.estimators.disturbance import fit_disturbances
-from flinders.estimators.regressors import DisturbanceEstimate, Logged
-from flinders.estimators.static_bench import still
-from flinders.fitting.disturbance_selection import WORTH, hold_out_residuals
+from flinders.estimators.regressors import DisturbanceEstimate, LoggedDisturbances
+from flinders.estimators.static_bench import fit_still
+from flinders.fitting.disturbance_selection import MAX_SCATTER_RATIO, hold_out_residuals
 from flinders.likelihood import prior
-from flinders.summary.coverage import directions_of
+from flinders.summary.coverage import corrected_directions
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -61,7 +61,9 @@ class Selection(NamedTuple):
     states: Mapping[str, tuple[str, ...]] = {}
 
 
-def selected(source: Recording, names: Sequence[str], *, spread: float | None = prior.SPREAD) -> Selection:
+def select_columns(
+    source: Recording, names: Sequence[str], *, spread: float | None = prior.SOFT_IRON_SPREAD
+) -> Selection:
     """Select columns to follow among named columns.
 
     Raises `FollowsAttitude` for a column that is a function of the direction of the field; `InputError` for a missing
@@ -77,20 +79,20 @@ def selected(source: Recording, names: Sequence[str], *, spread: float | None = 
     spread : float, optional
         Standard deviation of the prior on the shape.
     """
-    parts = [samples for part in singles(source) if len(samples := in_memory(part))]
-    states = states_in(parts, names)
-    parts = [in_numbers(part, states) for part in parts]
-    whole = joined(parts) if parts else source
-    moving, _ = Logged.of(parts, tuple(names)).split()
+    parts = [samples for part in single_recordings(source) if len(samples := read_into_memory(part))]
+    states = column_states(parts, names)
+    parts = [convert_states(part, states) for part in parts]
+    whole = join_recordings(parts) if parts else source
+    moving, _ = LoggedDisturbances.of(parts, tuple(names)).split()
     columns = [name for name in dict.fromkeys(names) if is_column(name) and name in moving]
-    if not columns or still(parts, names) is not None:
+    if not columns or fit_still(parts, names) is not None:
         return Selection(whole, tuple(names), states=states)
     refuse_attitude(parts, names, columns, spread)
     kept, unused = tuple(dict.fromkeys(names)), list[DisturbanceEstimate]()
     while columns:
         ratios = {name: _scatter_ratio(parts, kept, name, spread) for name in columns}
         worst = max(columns, key=lambda name: ratios[name])
-        if ratios[worst] <= WORTH:
+        if ratios[worst] <= MAX_SCATTER_RATIO:
             break
         unused.append(DisturbanceEstimate(worst, scatter_ratio=ratios[worst]))
         columns.remove(worst)
@@ -116,7 +118,7 @@ def refuse_attitude(
     fits is the field's strength.
     """
     found = fit_disturbances(parts, names, spread=spread)
-    logged = Logged.of(parts, tuple(names))
+    logged = LoggedDisturbances.of(parts, tuple(names))
     values = {name: logged.lagged(name, 0.0) for name in columns}
     others = [name for name in dict.fromkeys(names) if name not in values]
     without = fit_disturbances(parts, others, spread=spread)
@@ -129,14 +131,14 @@ def refuse_attitude(
         if one.explained > MAX_EXPLAINED * strength:
             plain = _directions(logged, without) if plain is None else plain
             directions = plain
-        share, linear = following(values[one.name], directions), one.attitude_collinearity
+        share, linear = predicted_share(values[one.name], directions), one.attitude_collinearity
         if share > MAX_FOLLOWING or linear > MAX_COLLINEARITY:
             raise FollowsAttitude(one.name, max(share, linear))
 
 
-def _directions(logged: Logged, found: DisturbanceFit) -> Floats:
+def _directions(logged: LoggedDisturbances, found: DisturbanceFit) -> Floats:
     """(N, 3) directions of the field in readings with disturbances subtracted."""
     readings = logged.field
     for one in found.disturbances:
         readings = readings - one.shift(logged.lagged(one.name, one.lag_s))
-    return directions_of(readings, found.ellipsoid)
+    return corrected_directions(readings, found.ellipsoid)

@@ -20,7 +20,7 @@ from flinders.core.samples import Samples
 from flinders.diagnostics.systematic import drift_in, drift_of, lag_in, nonlinearity_in
 from flinders.fitting.evidence import Diagnosis
 from flinders.fitting.record import ASKS_HALVES, ASKS_SWAP
-from flinders.fitting.widening import halves_apart
+from flinders.fitting.widening import compare_halves
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from flinders.fitting.widening import Widened
     from flinders.native.layouts import Records
 
-LOOKED_AT: Final = 5_000
+MAX_DRIFT_READINGS: Final = 5_000
 """Largest count of readings for the test for drift; a longer recording is thinned to it."""
 
 
@@ -52,16 +52,16 @@ def _drift(estimate: Estimate, found: Estimated, dip_deg: float) -> Drift | None
         return None
     if estimate.correlation is None or estimate.correlation.is_white:
         return None
-    near = readings.near(estimate.ellipsoid, estimate.rejected_beyond)
-    return drift_of(near.thinned(LOOKED_AT), estimate.ellipsoid, dip_deg=dip_deg)
+    near = readings.inliers(estimate.ellipsoid, estimate.rejected_beyond)
+    return drift_of(near.thin(MAX_DRIFT_READINGS), estimate.ellipsoid, dip_deg=dip_deg)
 
 
 def _with_halves(drift: Drift, estimate: Estimate, readings: Readings, request: Request) -> Drift:
     """Add the comparison of both halves of a recording in memory to a drift."""
-    samples = readings.as_read.recording
+    samples = readings.all_readings.recording
     if not isinstance(samples, Samples):
         return drift
-    return replace(drift, halves_ratio=halves_apart(samples, request.likelihood, estimate))
+    return replace(drift, halves_ratio=compare_halves(samples, request.likelihood, estimate))
 
 
 def faults_of_axes(estimate: Estimate, found: Estimated) -> tuple[Nonlinearity | None, AxisLag | None]:
@@ -71,7 +71,7 @@ def faults_of_axes(estimate: Estimate, found: Estimated) -> tuple[Nonlinearity |
     if estimate.bias is not None:
         return None, None
     terms, lag = found.linearized, lag_in(found.record)
-    return nonlinearity_in(found.record) if terms is None else terms.corrected(found.record), lag
+    return nonlinearity_in(found.record) if terms is None else terms.corrected_nonlinearity(found.record), lag
 
 
 def add_faults(record: Records, estimate: Estimate, found: Estimated) -> tuple[Nonlinearity | None, AxisLag | None]:
@@ -90,7 +90,7 @@ def add_faults(record: Records, estimate: Estimate, found: Estimated) -> tuple[N
 
 def _axis_swap(estimate: Estimate, readings: Readings) -> AxisSwap | None:
     """Swap of axes within one recording in memory; None if there is none."""
-    samples = readings.as_read.recording
+    samples = readings.all_readings.recording
     if readings.parts or not isinstance(samples, Samples):
         return None
     from flinders.diagnostics.axis_swap import axis_swap_of
@@ -123,17 +123,17 @@ def _attitude_dependence(estimate: Estimate, found: Estimated, dip_deg: float) -
 
 def _tilt_error_deg(estimate: Estimate, calibration: Calibration, found: Estimated) -> float:
     """Heading error from the accelerometer's vertical, in degrees; NaN in a plane, and if the fit corrects it."""
-    samples, aiding = found.readings.as_read.recording, found.aiding
+    samples, aiding = found.readings.all_readings.recording, found.aiding
     if estimate.plane or not isinstance(samples, Samples) or samples.acceleration is None:
         return math.nan
-    from flinders.diagnostics.instruments import UPRIGHT, vertical_error_deg
+    from flinders.diagnostics.instruments import VERTICAL_SENSORS, vertical_error_deg
 
-    if aiding is not None and any(sensor.is_used and sensor.name in UPRIGHT for sensor in aiding.sensors):
+    if aiding is not None and any(sensor.is_used and sensor.name in VERTICAL_SENSORS for sensor in aiding.sensors):
         return math.nan
     return vertical_error_deg(samples.field, samples.acceleration, calibration, estimate)
 
 
-def diagnosis_of(widened: Widened, estimate: Estimate, found: Estimated, calibration: Calibration) -> Diagnosis:
+def diagnose(widened: Widened, estimate: Estimate, found: Estimated, calibration: Calibration) -> Diagnosis:
     """Run the detectors on a fit; writes faults of axes into its record."""
     dip_deg = float(widened.record["dip_deg"])
     nonlinearity, axis_lag = add_faults(widened.record, estimate, found)
@@ -149,7 +149,9 @@ def diagnosis_of(widened: Widened, estimate: Estimate, found: Estimated, calibra
     )
 
 
-def looked_closer(asks: int, diagnosis: Diagnosis, estimate: Estimate, found: Estimated, request: Request) -> Diagnosis:
+def run_requested_tests(
+    asks: int, diagnosis: Diagnosis, estimate: Estimate, found: Estimated, request: Request
+) -> Diagnosis:
     """Diagnosis with the further tests that a judgement requests, as bits of `asks`."""
     if asks & ASKS_HALVES and diagnosis.drift is not None:
         drift = _with_halves(diagnosis.drift, estimate, found.readings, request)

@@ -10,7 +10,7 @@ When to use it: ``--with auto``. Name a disturbance that is known to matter, and
 >>> from flinders import simulate
 >>> motors = simulate.MotorCurrent(per_ampere=[0.5, 0.0, -0.3])
 >>> flight = simulate.tumble(seed=1, n=1200, disturbances=[motors]).samples
->>> names, (current,) = earned(flight)
+>>> names, (current,) = select_disturbances(flight)
 >>> names, current.is_used, current.heading_change_deg > 10.0
 (('current',), True, True)
 """
@@ -22,15 +22,15 @@ from typing import TYPE_CHECKING, Final, cast
 
 import numpy as np
 
-from flinders.arrays import runs
-from flinders.core.compensation import compensated
-from flinders.core.disturbance import KINDS, MOTORS, motor
-from flinders.core.joining import in_memory, singles
+from flinders.arrays import true_runs
+from flinders.core.compensation import compensate_recording
+from flinders.core.disturbance import KINDS, MOTORS, kind_and_motor
+from flinders.core.joining import read_into_memory, single_recordings
 from flinders.diagnostics.hold_out import folds
 from flinders.errors import FitError, InputError, figures
 from flinders.estimators.disturbance import fit_disturbances
-from flinders.estimators.regressors import Logged
-from flinders.estimators.static_bench import still
+from flinders.estimators.regressors import LoggedDisturbances
+from flinders.estimators.static_bench import fit_still
 from flinders.fitting.aiding import AidingSensor
 from flinders.likelihood import magnitude, prior
 from flinders.likelihood.robust import robust_sigma
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 INTERVALS_PER_FOLD: Final = 4
 """Intervals of each fold: enough that a motor that runs for a while runs in fitted and in left-out readings."""
 
-WORTH: Final = 0.98
+MAX_SCATTER_RATIO: Final = 0.98
 """Largest ratio of the scatter of left-out readings, with a disturbance over without it, at which it is accepted."""
 
 MAX_COLLINEARITY: Final = 0.95
@@ -58,8 +58,8 @@ MAX_DISTANCE_SIGMAS: Final = 5.0
 """Robust standard deviations at which a distance is clipped."""
 
 
-def earned(
-    source: Recording, *, spread: float | None = prior.SPREAD, dip_deg: float = 60.0
+def select_disturbances(
+    source: Recording, *, spread: float | None = prior.SOFT_IRON_SPREAD, dip_deg: float = 60.0
 ) -> tuple[tuple[str, ...], tuple[AidingSensor, ...]]:
     """Names of the disturbances to follow, and a report of each recorded column.
 
@@ -72,7 +72,7 @@ def earned(
     dip_deg : float
         Inclination at which headings are compared.
     """
-    parts = [samples for part in singles(source) if len(samples := in_memory(part))]
+    parts = [samples for part in single_recordings(source) if len(samples := read_into_memory(part))]
     recorded = _common_disturbances(parts)
     accepted: tuple[str, ...] = ()
     reports = []
@@ -81,7 +81,7 @@ def earned(
         if reports[-1].is_used:
             accepted = (*accepted, name)
     for name, many in MOTORS.items():
-        each = tuple(column for column in recorded if motor(column)[0] == name and motor(column)[1])
+        each = tuple(column for column in recorded if kind_and_motor(column)[0] == name and kind_and_motor(column)[1])
         if len(each) < 2:
             continue
         tried = (*(other for other in accepted if other != name), *each)
@@ -114,7 +114,7 @@ def _report(
         if words := _standstill(parts, new, tried):
             return AidingSensor(name, is_used=False, reason=words)
         before, after = hold_out_residuals(parts, accepted, tried, spread)
-        if after > WORTH * before:
+        if after > MAX_SCATTER_RATIO * before:
             words = "the strength of the field scatters as much with it as without, in readings that were left out"
             return AidingSensor(name, is_used=False, reason=words)
         found = fit_disturbances(parts, tried, spread=spread)
@@ -136,19 +136,22 @@ def _report(
 
 def _standstill(parts: Sequence[Samples], new: tuple[str, ...], tried: tuple[str, ...]) -> str:
     """Sentence that the disturbances or the attitude hardly changed; empty if both changed."""
-    logged = Logged.of(parts, new)
+    logged = LoggedDisturbances.of(parts, new)
     moving, _ = logged.split()
     if not moving:
         low = min(float(np.nanmin(values)) for values in logged.values.values())
         high = max(float(np.nanmax(values)) for values in logged.values.values())
         return f"it hardly changes: {low:.3g} to {high:.3g}"
-    if still(parts, tried) is not None:
+    if fit_still(parts, tried) is not None:
         return "the sensor was not turned: name the disturbance to measure its effect on a bench"
     return ""
 
 
 def hold_out_residuals(
-    parts: Sequence[Samples], without: tuple[str, ...], tried: tuple[str, ...], spread: float | None = prior.SPREAD
+    parts: Sequence[Samples],
+    without: tuple[str, ...],
+    tried: tuple[str, ...],
+    spread: float | None = prior.SOFT_IRON_SPREAD,
 ) -> tuple[float, float]:
     """Rms distance of left-out readings from the ellipsoid, first with `without`, then with `tried`, in their unit.
 
@@ -161,7 +164,7 @@ def hold_out_residuals(
         rest = [run for part, (_, out) in zip(parts, fold, strict=True) for run in _runs(part, out)]
         for names, of_names in zip((without, tried), distances, strict=True):
             found = fit_disturbances(fitted, names, spread=spread)
-            calm = (cast("Samples", compensated(run, found.calibration)) for run in rest)
+            calm = (cast("Samples", compensate_recording(run, found.calibration)) for run in rest)
             of_names += [magnitude.distances(run.field, found.ellipsoid) for run in calm]
     sizes = [np.abs(np.concatenate(each)) for each in distances]
     limit = MAX_DISTANCE_SIGMAS * min(map(robust_sigma, sizes))
@@ -171,10 +174,10 @@ def hold_out_residuals(
 
 def _runs(part: Samples, rows: NDArray[np.bool_]) -> list[Samples]:
     """Contiguous stretches of a recording that the mask `rows` selects."""
-    return [part[run] for run in runs(rows)]
+    return [part[run] for run in true_runs(rows)]
 
 
 def _has(part: Samples, name: str) -> bool:
     """Whether a recording has a column with at least one value."""
-    column = part.driving(name)
+    column = part.disturbance_values(name)
     return column is not None and bool(np.isfinite(column).any())

@@ -14,12 +14,12 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple, Self
 
-from flinders.core.calibration import UNSTATED
+from flinders.core.calibration import UNKNOWN_UNIT
 from flinders.core.samples import Samples
 from flinders.diagnostics.unmoved import require_moved, was_turned
 from flinders.estimators.auto import Auto
 from flinders.estimators.level import Level
-from flinders.estimators.likelihood import estimated
+from flinders.estimators.likelihood import estimate_from_record
 from flinders.summary.coverage import Coverage, RecordCoverage
 from flinders.summary.summary import Statistics
 
@@ -74,7 +74,7 @@ class Estimated(NamedTuple):
     def of(cls, estimate: Estimate, readings: Readings, aiding: Aiding | None = None) -> Self:
         """Take statistics and coverage from the summary of the readings."""
         summary = readings.summary
-        coverage = Coverage.through(summary.cloud, estimate.ellipsoid, within=estimate.rejected_beyond)
+        coverage = Coverage.of_cloud(summary.cloud, estimate.ellipsoid, within=estimate.rejected_beyond)
         statistics = replace(readings.statistics, doubt=_doubt(readings))
         return cls(estimate, readings, statistics, coverage, aiding=aiding)
 
@@ -89,19 +89,19 @@ class Estimated(NamedTuple):
         samples = readings.recording
         if not isinstance(estimator, Auto) or not isinstance(samples, Samples) or readings.parts:
             return None
-        record = estimator.recorded(readings, statistics=2 if has_sigma else 1)
+        record = estimator.fit_record(readings, statistics=2 if has_sigma else 1)
         if record["status"] or record["hides_plane"]:
             return None
         if record["plane"] and samples.acceleration is not None:  # the accelerometer may show that the turn was not
             # level, which widens the claim
             return None
         if record["plane"] and not record["rails"]:
-            turned_readings(readings, estimator, unit)
-        elif not was_turned(record, (unit or UNSTATED).inside):
+            require_turned(readings, estimator, unit)
+        elif not was_turned(record, (unit or UNKNOWN_UNIT).inside):
             return None
         if record["rests"]:
-            readings = readings.fitted()
-        estimate = estimated(record, readings, has_statistics=True)
+            readings = readings.for_fit()
+        estimate = estimate_from_record(record, readings, has_statistics=True)
         statistics = Statistics.of_record(record, samples.time, readings.summary.skipped)
         if (rests := readings.rests) is not None:
             statistics = replace(statistics, rest_spans=rests.spans, are_rests_left_out=rests.are_left_out)
@@ -116,12 +116,12 @@ def _doubt(readings: Readings) -> str:
     first = recording if recording is None or isinstance(recording, Samples) else next(iter(recording.blocks()), None)
     if first is None or not first.nameless:
         return ""
-    from flinders.readers._likeness import doubt
+    from flinders.readers._likeness import describe_doubt
 
-    return doubt(first)
+    return describe_doubt(first)
 
 
-def turned_readings(readings: Readings, estimator: Estimator, unit: Unit | None) -> Readings:
+def require_turned(readings: Readings, estimator: Estimator, unit: Unit | None) -> Readings:
     """Return the readings if the sensor was turned.
 
     Raises
@@ -131,5 +131,5 @@ def turned_readings(readings: Readings, estimator: Estimator, unit: Unit | None)
     """
     plane = getattr(estimator, "plane", "xy" if isinstance(estimator, Level) else None)
     how = "through all directions" if plane is None else f"all the way round in the plane {plane}"
-    require_moved(readings.summary, (unit or UNSTATED).inside, how)
+    require_moved(readings.summary, (unit or UNKNOWN_UNIT).inside, how)
     return readings

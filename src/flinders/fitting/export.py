@@ -20,12 +20,12 @@ from flinders.fitting.good_until import good_until
 from flinders.fitting.heading_model import heading_model_of
 from flinders.fitting.measurement_noise import gates_of, noise_of
 from flinders.fitting.verdict import headline_of
-from flinders.geometry.plane import down_of
+from flinders.geometry.plane import down_direction
 from flinders.heading.error_propagation import HeadingError, level_turn, upright
 from flinders.targets import ExportOptions, mounting_table
 from flinders.targets._mounting import euler
-from flinders.targets._numbers import VEHICLE, unmapped
-from flinders.targets._target import MOUNTINGS
+from flinders.targets._numbers import VEHICLE, unmapping_matrix
+from flinders.targets._target import MOUNTING_KINDS
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -90,10 +90,10 @@ def export_fit(
         estimator=noise,
         fitting=fitting_command(fit, target),
     )
-    trial = target.tried(fit.calibration, asked=asked)
+    trial = target.try_formula(fit.calibration, asked=asked)
     if trial.loses and asked.noise is not None:  # parameters that the target does not hold are an error of its headings
         asked = replace(asked, noise=asked.noise.with_error(level_turn_error(fit, trial).rms))
-        trial = target.tried(fit.calibration, asked=asked)
+        trial = target.try_formula(fit.calibration, asked=asked)
     export = trial.export([*origin_lines(fit, _accuracy_words(fit, trial) if trial.loses else ""), *notes])
     if asked.noise is not None:
         export.fields["noise"] = asked.noise.as_dict(fit.calibration.unit)
@@ -130,7 +130,7 @@ def _accuracy_words(fit: Fit, trial: Trial) -> str:
 
 def level_turn_error(fit: Fit, trial: Trial) -> HeadingError:
     """Level heading error from parameters that a target does not hold, without its mean over one turn."""
-    claim, down = fit.claim, down_of(fit.claim.plane)
+    claim, down = fit.claim, down_direction(fit.claim.plane)
     heading, fields = level_turn(claim.known_dip_deg, down)
     corrected = trial.corrected(fields.T) @ (np.eye(3) if down is None else upright(down))
     off = np.angle(np.exp(1j * (np.arctan2(-corrected[:, 1], corrected[:, 0]) - heading)))
@@ -169,7 +169,7 @@ def mounting_of(fit: Fit, target: Target, words: str | None) -> Floats | None:
         return np.eye(3)
     if words is not None:
         return mounting_table(target).read(words)
-    known = known_mountings(fit, "" if target.keeps in MOUNTINGS else target.family)
+    known = known_mountings(fit, "" if target.keeps in MOUNTING_KINDS else target.family)
     return euler(*known.pop()) if len(known) == 1 else None
 
 
@@ -263,6 +263,6 @@ def _mounting_covariance(fit: Fit, mounting: Floats | None) -> Floats | None:
     if covariance is None or not np.isfinite(covariance).all():
         return None
     after = np.eye(3) if mounting is None else mounting
-    turn = unmapped(calibration) if calibration.frame == VEHICLE else after
+    turn = unmapping_matrix(calibration) if calibration.frame == VEHICLE else after
     turned: Floats = turn @ covariance @ turn.T
     return turned

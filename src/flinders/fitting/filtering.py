@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.core.joining import joined
+from flinders.core.joining import join_recordings
 from flinders.errors import FitError
-from flinders.estimators.data import WithinRange
-from flinders.findings import certain, linked
+from flinders.estimators.data import UnsaturatedRecording
+from flinders.findings import certain_finding, link_causes
 from flinders.fitting.calibrate import fit
 from flinders.fitting.result import Refused
-from flinders.geometry.plane import down_of
+from flinders.geometry.plane import down_direction
 from flinders.heading.error_propagation import level_error
 from flinders.summary.summary import Summary
 
@@ -57,9 +57,9 @@ def fit_filtered(
         Keyword arguments of `flinders.fit`.
     """
     if by is None:
-        return fit(joined(parts), **options)
-    plain, _ = _try_fit(joined(parts), options)
-    passed = through(parts, by)
+        return fit(join_recordings(parts), **options)
+    plain, _ = _try_fit(join_recordings(parts), options)
+    passed = filter_recordings(parts, by)
     result, refusal = _try_fit(passed, options)
     if result is None:
         if plain is not None and plain.verdict != "refused":
@@ -73,7 +73,7 @@ def fit_filtered(
     of_fit = [finding for finding in result.findings if finding.code not in FINDINGS_OF_READINGS]
     recorded = [] if plain is None else [each for each in plain.findings if each.code in FINDINGS_OF_READINGS]
     finding = filtered_finding(result, plain, by, dropped)
-    findings = linked([*of_fit, *recorded, finding])
+    findings = link_causes([*of_fit, *recorded, finding])
     judged = replace(result, judgement=replace(result.judgement, findings=findings))
     if refusal is not None:
         raise Refused(judged)
@@ -111,29 +111,29 @@ def filtered_finding(fit: Fit, plain: Fit | None, by: Filter, dropped: int) -> F
         "unfiltered": "" if plain is None else plain.verdict,
         "is_to_blame": is_to_blame,
     }
-    return certain(values, "filtered")
+    return certain_finding(values, "filtered")
 
 
 def _effect(fit: Fit, plain: Fit) -> tuple[float, float]:
     """Largest change of the heading by a filter, in degrees, and the share by which it reduces the field."""
     ours, theirs = fit.calibration.ellipsoid, plain.calibration.ellipsoid
     apart = ours.parameters - theirs.parameters
-    dip, down = fit.heading_error_deg.dip_deg, down_of(fit.claim.plane)
+    dip, down = fit.heading_error_deg.dip_deg, down_direction(fit.claim.plane)
     moved = level_error(theirs, np.outer(apart, apart), dip_deg=dip, down=down).worst
     return float(np.nan_to_num(moved, nan=MAX_EFFECT_DEG)), 1.0 - ours.radius / theirs.radius
 
 
-def through(parts: Sequence[Recording], by: Filter) -> Recording:
+def filter_recordings(parts: Sequence[Recording], by: Filter) -> Recording:
     """One recording of all filtered readings."""
-    from flinders.heading.smoothing import filtered
+    from flinders.heading.smoothing import filter_recording
 
-    return joined([filtered(_within_range(part), by) for part in parts])
+    return join_recordings([filter_recording(_within_range(part), by) for part in parts])
 
 
 def _within_range(part: Recording) -> Recording:
     """A recording without readings at a rail."""
-    rails = Summary.through(part).health.rails
-    return WithinRange(part, rails) if rails else part
+    rails = Summary.of_recording(part).health.rails
+    return UnsaturatedRecording(part, rails) if rails else part
 
 
 def _reading_count(recording: Recording) -> int:

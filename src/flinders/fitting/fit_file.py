@@ -31,7 +31,7 @@ from flinders.core.offset_walk import Walk
 from flinders.errors import DocumentError
 from flinders.findings import Finding
 from flinders.fitting.aiding import Aiding
-from flinders.fitting.claim import parameters_of
+from flinders.fitting.claim import parameter_names
 from flinders.fitting.evidence import Disturbances, Evidence, Residuals
 from flinders.fitting.result import Judgement, Provenance, bare_fit
 from flinders.heading.error_propagation import HeadingError
@@ -127,7 +127,7 @@ def _with_covariance(fit: Fit, names: tuple[str, ...], whole: Floats) -> Fit:
     covariance = whole[np.ix_(rows, rows)]
     _refuse_no_covariance(covariance, name)
     loaded = replace(fit, claim=replace(fit.claim, covariance=covariance))
-    if len(names) == len(PARAMETERS) or names != parameters_of(fit.calibration):
+    if len(names) == len(PARAMETERS) or names != parameter_names(fit.calibration):
         return loaded
     return replace(loaded, evidence=replace(fit.evidence, disturbances=Disturbances(covariance=whole)))
 

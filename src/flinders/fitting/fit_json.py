@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 
-from flinders.fitting.claim import TILTS
-from flinders.fitting.good_until import good_until, since_of
+from flinders.fitting.claim import TILTS_DEG
+from flinders.fitting.good_until import good_until, recording_date
 from flinders.fitting.result import finite_or_none, heading_record
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def json_of(fit: Fit) -> dict[str, Any]:
         "textbook_heading_error_deg": _rms_and_worst(claim.textbook_heading_error_deg),
         "alignment_error_deg": claim.alignment_error_deg,
         # worst heading error (1 σ) at a tilt of 10°, 30° and 90°
-        "tilted_heading_error_deg": {f"{tilt:g}": claim.tilted_error(tilt).worst for tilt in TILTS},
+        "tilted_heading_error_deg": {f"{tilt:g}": claim.tilted_error(tilt).worst for tilt in TILTS_DEG},
         "attitude_limit_deg": claim.attitude_limit_deg,
         "direction_error_deg": _rms_and_worst(claim.direction_error_deg),
         "bias_deg": claim.bias_deg,
@@ -89,7 +89,7 @@ def json_of(fit: Fit) -> dict[str, Any]:
 def _good_until(fit: Fit) -> dict[str, Any] | None:
     """Times until the claim reaches the target and until it has doubled; None if nothing is claimed."""
     until = good_until(fit)
-    return None if until is None else msgspec.to_builtins(until.to_record(since_of(fit.provenance.record)))
+    return None if until is None else msgspec.to_builtins(until.to_record(recording_date(fit.provenance.record)))
 
 
 def _disturbances_as_dict(disturbances: Disturbances) -> dict[str, Any]:

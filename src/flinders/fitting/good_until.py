@@ -32,11 +32,11 @@ from typing import TYPE_CHECKING, Any, Final, Literal, Protocol
 import numpy as np
 
 from flinders.core.calibration_file import GoodUntilRecord, WalkRecord
-from flinders.core.durations import duration
+from flinders.core.durations import duration_text
 from flinders.core.offset_walk import HOUR_S, PRIOR_WALK, Walk
 from flinders.core.units import MICROTESLA
 from flinders.errors import figures
-from flinders.fitting.claim import parameters_of
+from flinders.fitting.claim import parameter_names
 
 if TYPE_CHECKING:
     from datetime import datetime
@@ -54,7 +54,7 @@ PRIOR_PER_KELVIN: Final = Walk(0.05, 0.003, 0.8)
 USUAL_FIELD_UT: Final = 50.0
 """Assumed field strength in µT, to convert a temperature coefficient in µT/K for readings in counts."""
 
-LATEST_S: Final = 100 * 365.25 * 86400.0
+MAX_S: Final = 100 * 365.25 * 86400.0
 """Longest time that is stated, 100 years."""
 
 MAX_KELVIN: Final = 100.0
@@ -175,7 +175,7 @@ class GoodUntil:
         lasts = f"{self._until}{self._durations}{self._kelvins(self._growth)}"
         if self._target_growth is None:
             return lasts
-        return f"{lasts}; the claim doubles in {duration(self.seconds)}{self._kelvins(DOUBLED_GROWTH, has_ends=False)}"
+        return f"{lasts}; the claim doubles in {duration_text(self.seconds)}{self._kelvins(DOUBLED_GROWTH, has_ends=False)}"
 
     @property
     def brief(self) -> str:
@@ -204,12 +204,12 @@ class GoodUntil:
     @property
     def _ends(self) -> str:
         """Words for the range of the time, by the ends of the walk."""
-        return " to ".join(duration(self._seconds(self._growth, rate)) for rate in (self.walk.high, self.walk.low))
+        return " to ".join(duration_text(self._seconds(self._growth, rate)) for rate in (self.walk.high, self.walk.low))
 
     @property
     def _durations(self) -> str:
         """Words for the time, the source of the walk, and the range of the time."""
-        return f"{duration(self.good_s)} {self._walk_words} ({self._ends})"
+        return f"{duration_text(self.good_s)} {self._walk_words} ({self._ends})"
 
     def _kelvins(self, growth: float, *, has_ends: bool = True) -> str:
         """Words for the change of temperature that adds a variance; empty if the coefficient is unknown."""
@@ -237,7 +237,7 @@ class GoodUntil:
 
     def _seconds(self, growth: float, rate: float) -> float:
         """Time until the walk at a rate adds a variance `growth`; at most 100 years."""
-        return min(HOUR_S * (self._shift(growth) / rate) ** 2, LATEST_S)
+        return min(HOUR_S * (self._shift(growth) / rate) ** 2, MAX_S)
 
 
 def good_until(fit: JudgedFit, *, walk: Walk | None = None) -> GoodUntil | None:
@@ -263,7 +263,7 @@ def good_until(fit: JudgedFit, *, walk: Walk | None = None) -> GoodUntil | None:
     return GoodUntil(
         claim_deg=worst,
         field=field * math.cos(math.radians(claim.known_dip_deg)),
-        walk=PRIOR_WALK.scaled(field) if known is None else known,
+        walk=PRIOR_WALK.scale_rate(field) if known is None else known,
         by="prior" if known is None else "history",
         per_kelvin=_usual_per_kelvin(fit) if followed is None else _followed_per_kelvin(fit),
         temperature_by="prior" if followed is None else "followed",
@@ -271,7 +271,7 @@ def good_until(fit: JudgedFit, *, walk: Walk | None = None) -> GoodUntil | None:
     )
 
 
-def since_of(provenance: ProvenanceRecord | None) -> datetime | None:
+def recording_date(provenance: ProvenanceRecord | None) -> datetime | None:
     """Date of the recording, else of the calibration; None if the file states neither."""
     if provenance is None:
         return None
@@ -287,7 +287,11 @@ def _usual_per_kelvin(fit: JudgedFit) -> Walk:
     """Temperature coefficient of data sheets, in the calibration's unit per K; for counts relative to a usual field."""
     calibration = fit.calibration
     is_microtesla = calibration.unit == MICROTESLA
-    return PRIOR_PER_KELVIN if is_microtesla else PRIOR_PER_KELVIN.scaled(calibration.ellipsoid.radius / USUAL_FIELD_UT)
+    return (
+        PRIOR_PER_KELVIN
+        if is_microtesla
+        else PRIOR_PER_KELVIN.scale_rate(calibration.ellipsoid.radius / USUAL_FIELD_UT)
+    )
 
 
 def _followed_per_kelvin(fit: JudgedFit) -> Walk | None:
@@ -295,7 +299,7 @@ def _followed_per_kelvin(fit: JudgedFit) -> Walk | None:
     whole = fit.evidence.disturbances.covariance
     if whole is None:
         return None
-    names = parameters_of(fit.calibration)
+    names = parameter_names(fit.calibration)
     rows = [names.index(f"temperature_C_{axis}") for axis in "xyz"]
     sigma = math.sqrt(max(float(np.linalg.eigvalsh(whole[np.ix_(rows, rows)])[-1]), 0.0))
     return Walk(sigma, sigma, sigma) if sigma > 0.0 else None

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.fitting.measurement_noise import noise_of
-from flinders.geometry.ellipsoid import gathered, symmetric, upper
-from flinders.geometry.plane import down_of
+from flinders.geometry.ellipsoid import parameter_derivatives, symmetric_matrix, upper_entries
+from flinders.geometry.plane import down_direction
 from flinders.heading.error_propagation import level_fields
 from flinders.targets._heading_model import HeadingModel
 
@@ -34,8 +34,8 @@ def heading_model_of(fit: Fit) -> HeadingModel | None:
     claim, calibration = fit.claim, fit.calibration
     strength, turn, dip_deg = calibration.field_strength, calibration.rotation_matrix, claim.known_dip_deg
     matrix = calibration.matrix @ turn.T
-    across, directions = level_fields(dip_deg, down_of(claim.plane))
-    mean = gathered(matrix.T @ across / strength, strength * directions).mean(axis=0).round(DECIMALS)
+    across, directions = level_fields(dip_deg, down_direction(claim.plane))
+    mean = parameter_derivatives(matrix.T @ across / strength, strength * directions).mean(axis=0).round(DECIMALS)
     return HeadingModel(
         matrix=(matrix + matrix.T) / 2.0,
         factor=_factor(claim.claimed_covariance, turn, strength),
@@ -55,7 +55,9 @@ def _factor(covariance: Floats, turn: Floats, strength: float) -> Floats:
     """
     turned = np.zeros((9, 9))
     turned[:3, :3] = turn
-    turned[3:, 3:] = np.stack([upper(turn @ symmetric(row) @ turn.T) for row in np.eye(6)], axis=1) / strength
+    turned[3:, 3:] = (
+        np.stack([upper_entries(turn @ symmetric_matrix(row) @ turn.T) for row in np.eye(6)], axis=1) / strength
+    )
     variances, vectors = np.linalg.eigh(covariance)
     root = np.sqrt(variances.clip(min=0.0))[:, np.newaxis] * vectors.T
     factor: Floats = np.linalg.qr(root @ turned.T).R

@@ -8,7 +8,7 @@ from such a log is not exported to it.
 >>> from flinders.core.inertial import Triad
 >>> from flinders.targets import find
 >>> sensor = Inertial(Triad(np.diag([0.99, 1.01, 1.0]), [0.2, -0.1, 0.3], "m/s2"))
->>> print(alone(find("yaml"), sensor).text.splitlines()[0])
+>>> print(export_inertial(find("yaml"), sensor).text.splitlines()[0])
 # plain YAML: corrected = matrix (raw - offset)
 """
 
@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Any, Final
 from flinders.core.inertial import Inertial
 from flinders.errors import NotExportable, UsageError
 from flinders.targets import Export, registry
-from flinders.targets._inertial import FIRST, written
-from flinders.targets._numbers import unmapped
+from flinders.targets._inertial import FIRST_IMU, write_inertial
+from flinders.targets._numbers import unmapping_matrix
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -85,12 +85,14 @@ def form_of(target: Target, sensors: Sequence[str]) -> InertialForm:
     return target.inertial
 
 
-def beside(export: Export, target: Target, inertial: Inertial, asked: Asked = FIRST, *, lossy: bool = False) -> Export:
-    """Export of a magnetometer's calibration, with accelerometer and gyro added; raises as `written`."""
+def add_inertial(
+    export: Export, target: Target, inertial: Inertial, asked: Asked = FIRST_IMU, *, lossy: bool = False
+) -> Export:
+    """Export of a magnetometer's calibration, with accelerometer and gyro added; raises as `write_inertial`."""
     if not inertial or target.inertial is None:
         return export
     form = target.inertial
-    made = written(form, inertial, who=target.title, asked=asked, lossy=lossy)
+    made = write_inertial(form, inertial, who=target.title, asked=asked, lossy=lossy)
     if form.is_json:
         text = json.dumps({**json.loads(export.text), **made.values}, indent=1, default=_to_list) + "\n"
     else:
@@ -104,7 +106,7 @@ def beside(export: Export, target: Target, inertial: Inertial, asked: Asked = FI
     return replace(export, text=text, fields=fields, checked=checked, warnings=(*export.warnings, *made.warnings))
 
 
-def alone(target: Target, inertial: Inertial, asked: Asked = FIRST, *, lossy: bool = False) -> Export:
+def export_inertial(target: Target, inertial: Inertial, asked: Asked = FIRST_IMU, *, lossy: bool = False) -> Export:
     """Export of the calibrations of accelerometer and gyro alone, as far as the target holds them.
 
     Raises
@@ -112,7 +114,7 @@ def alone(target: Target, inertial: Inertial, asked: Asked = FIRST, *, lossy: bo
     UsageError
         For a target that holds neither, or holds them only in one file with its magnetometer.
     NotExportable, UnitError
-        As `flinders.targets._inertial.written`.
+        As `flinders.targets._inertial.write_inertial`.
     """
     form = form_of(target, ["accelerometer"] if inertial.accelerometer else ["gyro"])
     if not form.is_alone:
@@ -121,7 +123,7 @@ def alone(target: Target, inertial: Inertial, asked: Asked = FIRST, *, lossy: bo
             "dip, and export that calibration with its accelerometer",
             hint={"aiding": "dip"},
         )
-    made = written(form, inertial, who=target.title, asked=asked, lossy=lossy)
+    made = write_inertial(form, inertial, who=target.title, asked=asked, lossy=lossy)
     remarks = [
         f"{target.title}: {form.formula}",
         *form.notes,
@@ -155,6 +157,6 @@ def _in_axes(triad: Triad, fit: Fit, target: Target) -> Triad:
     calibration = fit.calibration
     if calibration.axes.is_identity or target.acts == "mapped":
         return triad
-    back = unmapped(calibration)
-    recorded = triad.turned(back)
+    back = unmapping_matrix(calibration)
+    recorded = triad.map_axes(back)
     return recorded if target.acts == "recorded" else replace(recorded, matrix=back.T @ recorded.matrix)

@@ -3,7 +3,7 @@
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
 >>> fit = calibrate.fit(simulate.tumble(seed=1, n=500, motion="uniform").samples)
->>> fit.claim.alignment_error_deg is None, round(mounted(fit, 0.5).claim.alignment_error_deg, 2)
+>>> fit.claim.alignment_error_deg is None, round(with_mounting_error(fit, 0.5).claim.alignment_error_deg, 2)
 (True, 1.0)
 """
 
@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flinders.fitting.claim import Claim
-from flinders.fitting.diagnosis import diagnosis_of, looked_closer
+from flinders.fitting.diagnosis import diagnose, run_requested_tests
 from flinders.fitting.evidence import Diagnosis, Disturbances, Evidence, Residuals
-from flinders.fitting.record import add_diagnosis, add_reading, farthest, request_of, sources_of
+from flinders.fitting.record import add_diagnosis, add_reading, judgement_request, largest_outlier_distance, sources_of
 from flinders.fitting.result import Fit, Judgement, Refused
 from flinders.fitting.verdict import judged_quantities, with_findings
-from flinders.geometry.plane import down_of
+from flinders.geometry.plane import down_direction
 from flinders.heading.error_propagation import HeadingError, alignment_error_deg, level_error
 from flinders.native.engine import engine
 
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from flinders.native.layouts import Records
 
 
-def accepted(result: Fit) -> Fit:
+def require_accepted(result: Fit) -> Fit:
     """Return the fit unless its verdict is ``refused``.
 
     Raises
@@ -49,7 +49,7 @@ def accepted(result: Fit) -> Fit:
     return result
 
 
-def mounted(result: Fit, sigma_deg: float | None) -> Fit:
+def with_mounting_error(result: Fit, sigma_deg: float | None) -> Fit:
     """Add the heading error of the mounting, if its uncertainty is stated, in degrees."""
     if sigma_deg is None:
         return result
@@ -61,15 +61,15 @@ def _bias_deg(estimate: Estimate, dip_deg: float) -> float:
     """Heading error (rms, in degrees) from the bias of a method."""
     if estimate.bias is None:
         return 0.0
-    bias, down = np.outer(estimate.bias, estimate.bias), down_of(estimate.plane)
+    bias, down = np.outer(estimate.bias, estimate.bias), down_direction(estimate.plane)
     return level_error(estimate.ellipsoid, bias, dip_deg=dip_deg, down=down).rms
 
 
-def judged(widened: Widened, found: Estimated, calibration: Calibration, request: Request) -> Fit:
+def judge(widened: Widened, found: Estimated, calibration: Calibration, request: Request) -> Fit:
     """Judge an estimate and put its claim, evidence and findings together in a fit."""
     record = widened.record
     estimate = found.estimate if record["is_shrunk"] > 0 else widened.estimate
-    diagnosis = diagnosis_of(widened, estimate, found, calibration)
+    diagnosis = diagnose(widened, estimate, found, calibration)
     diagnosis, judgement = _judgement(diagnosis, record, estimate, found, calibration, request)
     if found.disturbed is not None:
         calibration = replace(calibration, disturbances=found.disturbed.disturbances)
@@ -128,7 +128,7 @@ def _judgement(
     request: Request,
 ) -> tuple[Diagnosis, Records]:
     """Judge a record with its diagnosis, and again if the judgement requests further tests."""
-    asked = request_of(calibration, target_deg=request.target_deg)
+    asked = judgement_request(calibration, target_deg=request.target_deg)
     aiding, dip_deg = found.aiding, float(record["dip_deg"])
     alignment_deg = None if aiding is None else aiding.alignment_error_deg(dip_deg)
     record["alignment_deg"] = math.nan if alignment_deg is None else alignment_deg
@@ -141,10 +141,10 @@ def _judgement(
     )
     if found.record is not None:
         add_reading(record, found.statistics)
-        record["farthest"] = farthest(estimate.outliers)
+        record["farthest"] = largest_outlier_distance(estimate.outliers)
     add_diagnosis(record, diagnosis)
     judgement = engine().judge(record, asked)
-    closer = looked_closer(int(judgement["asks"]), diagnosis, estimate, found, request)
+    closer = run_requested_tests(int(judgement["asks"]), diagnosis, estimate, found, request)
     if closer is diagnosis:
         return diagnosis, judgement
     add_diagnosis(record, closer)
@@ -159,7 +159,7 @@ def _disturbances(
         return Disturbances(unused)
     from flinders.estimators.regressors import DisturbanceEstimate
 
-    dip, down, ellipsoid = claim.heading_error_deg.dip_deg, down_of(claim.plane), claim.ellipsoid
+    dip, down, ellipsoid = claim.heading_error_deg.dip_deg, down_direction(claim.plane), claim.ellipsoid
     estimates = [
         replace(
             estimate,
@@ -169,4 +169,6 @@ def _disturbances(
         for place, (disturbance, estimate) in enumerate(zip(disturbed.disturbances, disturbed.estimates, strict=True))
     ]
     constant = [DisturbanceEstimate(name) for name in disturbed.constant]
-    return Disturbances((*estimates, *constant, *unused), disturbed.joint(claim.covariance), disturbed.noise_without)
+    return Disturbances(
+        (*estimates, *constant, *unused), disturbed.joint_covariance(claim.covariance), disturbed.noise_without
+    )

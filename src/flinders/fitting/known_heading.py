@@ -46,23 +46,30 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 from flinders.core.calibration import Calibration
-from flinders.core.keywords import spell_checked
+from flinders.core.keywords import check_keywords
 from flinders.errors import FitError, UsageError
-from flinders.findings import linked
-from flinders.findings.catalogue import OF_CALIBRATION
+from flinders.findings import link_causes
+from flinders.findings.catalogue import CALIBRATION_FINDINGS
 from flinders.fitting.claim import Claim
 from flinders.fitting.evidence import Diagnosis, Evidence, Residuals
-from flinders.fitting.judgement import mounted
+from flinders.fitting.judgement import with_mounting_error
 from flinders.fitting.record import expected_error
-from flinders.fitting.refreshing import known_shape, refreshed_from, refuse_unfit, samples_of, strength_of, turned
+from flinders.fitting.refreshing import (
+    changes_since,
+    known_shape,
+    refuse_unfit,
+    samples_of,
+    strength_of,
+    with_rotation_of,
+)
 from flinders.fitting.result import Fit, Judgement, Refused
-from flinders.fitting.verdict import judged_parts
-from flinders.geometry.angles import wrapped
-from flinders.geometry.ellipsoid import Ellipsoid, gathered, symmetric
+from flinders.fitting.verdict import judge_calibration
+from flinders.geometry.angles import wrap_360
+from flinders.geometry.ellipsoid import Ellipsoid, parameter_derivatives, symmetric_matrix
 from flinders.heading.stationary import rests
 from flinders.likelihood import dip
 from flinders.summary.coverage import Coverage
-from flinders.summary.pooling import chance_of
+from flinders.summary.pooling import p_value_of
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
@@ -116,7 +123,7 @@ class PoseSigmas:
 DEFAULT_SIGMAS: Final = PoseSigmas()
 
 
-@spell_checked()
+@check_keywords()
 def refresh_at_headings(
     poses: Sequence[AnyReadings],
     previous: Fit,
@@ -175,7 +182,7 @@ def refresh_at_headings(
     if not poses or len(poses) != len(headings_deg):
         raise UsageError(f"{len(poses)} poses and {len(headings_deg)} headings: need a heading for each pose")
     known = known_shape(previous, site)
-    shape = symmetric(known.entries)
+    shape = symmetric_matrix(known.entries)
     rotation = previous.calibration.rotation_matrix
     recordings = [samples_of(pose, previous) for pose in poses]
     readings = np.concatenate([recording.field for recording in recordings])
@@ -189,9 +196,9 @@ def refresh_at_headings(
         method=METHOD,
         samples=len(readings),
         noise=math.sqrt(sum(pose.noise**2 for pose in seen) / len(seen)),
-        coverage=Coverage.through(Summary.of(readings).cloud, ellipsoid),
+        coverage=Coverage.of_cloud(Summary.of(readings).cloud, ellipsoid),
         residuals=Residuals(distortion=distortion),
-        diagnosis=Diagnosis(refreshed=refreshed_from(previous, ellipsoid, dip_deg)),
+        diagnosis=Diagnosis(refreshed=changes_since(previous, ellipsoid, dip_deg)),
     )
     calibration = _calibration(ellipsoid, previous, site)
     claim = Claim(
@@ -203,12 +210,12 @@ def refresh_at_headings(
         target_deg=target_deg,
     )
     fit = Fit(calibration, evidence, claim, Judgement())
-    return _with_findings(mounted(fit, site.alignment_sigma_deg), chance)
+    return _with_findings(with_mounting_error(fit, site.alignment_sigma_deg), chance)
 
 
 def _with_findings(fit: Fit, chance: float) -> Fit:
     """The fit with its findings and conditions; raises `Refused` if a finding refuses it."""
-    judgement = Judgement(linked(_judge(fit, chance)))
+    judgement = Judgement(link_causes(_judge(fit, chance)))
     if judgement.verdict == "refused":
         raise Refused(replace(fit, judgement=judgement))
     return replace(fit, judgement=replace(judgement, conditions=CONDITIONS_OF_POSES))
@@ -246,7 +253,11 @@ class Pose:
         noise = float(np.sqrt(np.mean(np.square(samples.field - mean))))
         blocks = [block.mean(axis=0) for block in np.array_split(samples.field, min(BLOCKS_PER_POSE, len(samples)))]
         of_mean = math.sqrt(float(np.var(blocks, axis=0, ddof=1).mean()) / len(blocks)) if len(blocks) > 1 else noise
-        down = np.zeros(3) if samples.acceleration is None else dip.verticals(samples.acceleration)[0].mean(axis=0)
+        down = (
+            np.zeros(3)
+            if samples.acceleration is None
+            else dip.accelerometer_verticals(samples.acceleration)[0].mean(axis=0)
+        )
         length = float(np.linalg.norm(down))
         return cls(mean, noise, of_mean, down / length if length > 0.0 else np.array([0.0, 0.0, 1.0]))
 
@@ -296,7 +307,7 @@ class _Equations:
         for place, (pose, heading) in enumerate(zip(poses, headings, strict=True)):
             rows = slice(3 * place, 3 * place + 3)
             seen, moved = pose.field(float(heading), inclination)
-            design[rows] = gathered(np.eye(3), np.tile((rotation.T @ seen)[:, np.newaxis], 3))
+            design[rows] = parameter_derivatives(np.eye(3), np.tile((rotation.T @ seen)[:, np.newaxis], 3))
             dips[rows], *others = (shape @ rotation.T @ moved).T
             errors = np.column_stack(others)
             turns[rows] = errors[:, 0]
@@ -320,7 +331,7 @@ class _Equations:
         solution = covariance @ right
         left, moved = self.readings - self.design @ solution, solution[3:] - entries
         freedom = len(left) - 3
-        chance = chance_of(float(left @ precision @ left + moved @ known @ moved), freedom) if freedom else 1.0
+        chance = p_value_of(float(left @ precision @ left + moved @ known @ moved), freedom) if freedom else 1.0
         return solution, covariance, chance
 
 
@@ -336,14 +347,14 @@ def _calibration(ellipsoid: Ellipsoid, previous: Fit, site: Site | None) -> Cali
         sensor=known.sensor,
         frame=known.frame,
     )
-    return turned(made, previous)
+    return with_rotation_of(made, previous)
 
 
 def _judge(fit: Fit, chance: float) -> Iterator[Finding]:
     """Findings of a fit to poses, from the p-value `chance` of its residuals."""
-    yield from judged_parts(
+    yield from judge_calibration(
         fit.calibration,
-        ("poses-contradict", "heading-error", *OF_CALIBRATION),
+        ("poses-contradict", "heading-error", *CALIBRATION_FINDINGS),
         target_deg=fit.claim.target_deg,
         values={"next_step": ("add-poses",)},
         level_worst_deg=fit.heading_error_deg.worst,
@@ -395,7 +406,7 @@ def stretches(samples: Samples, velocity: TimeSeries, *, slowest: float = MIN_SP
             f"{begin:.0f} to {end:.0f} s: record both at the same time, with synchronised clocks"
         )
     north, east = velocity.values.T
-    course = np.where(np.hypot(north, east) >= slowest, wrapped(np.rad2deg(np.arctan2(east, north))), np.nan)
+    course = np.where(np.hypot(north, east) >= slowest, wrap_360(np.rad2deg(np.arctan2(east, north))), np.nan)
     step = float(np.median(np.diff(velocity.time))) if len(velocity.time) > 1 else np.inf
     least = max(round(MIN_STRAIGHT_S / step), 8) if step > 0.0 else 8
     straight = []
@@ -407,7 +418,7 @@ def stretches(samples: Samples, velocity: TimeSeries, *, slowest: float = MIN_SP
     return sorted(straight, key=lambda stretch: -len(stretch.samples))[:MAX_STRETCHES]
 
 
-@spell_checked()
+@check_keywords()
 def refresh_on_courses(
     recording: AnyReadings,
     previous: Fit,
@@ -480,5 +491,5 @@ def refresh_on_courses(
 
 def _steady_stretches(straight: Sequence[Stretch], previous: Fit) -> list[Stretch]:
     """Stretches with a steady field, as on a vehicle that neither rolls nor passes iron."""
-    shape = symmetric(known_shape(previous, None).entries)
+    shape = symmetric_matrix(known_shape(previous, None).entries)
     return [stretch for stretch in straight if is_still(stretch.samples.field, shape)]

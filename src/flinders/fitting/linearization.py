@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.native.layouts import Records
 
-ROUNDS: Final = 12
+MAX_ROUNDS: Final = 12
 """Largest count of fits; each removes at least nine tenths of the remaining nonlinearity."""
 
 MAX_READING_RATIO: Final = 1.2
@@ -60,7 +60,7 @@ class AxisTerms:
         """(N, 3) linearized readings of (N, 3) readings."""
         return self.surface.centre + self.linearization.apply(field - self.surface.centre)
 
-    def refined(self, left: Nonlinearity | None, surface: Ellipsoid) -> AxisTerms:
+    def refine(self, left: Nonlinearity | None, surface: Ellipsoid) -> AxisTerms:
         """Add further terms found in the linearized readings, about their surface."""
         if left is None:
             return replace(self, surface=surface)
@@ -73,7 +73,7 @@ class AxisTerms:
         moved = (self.surface.centre - other.surface.centre) / self.surface.radius
         return bool(np.abs(np.concatenate([terms, moved])).max() < MAX_CHANGE)
 
-    def corrected(self, record: Records) -> Nonlinearity:
+    def corrected_nonlinearity(self, record: Records) -> Nonlinearity:
         """Corrected nonlinearity and its remaining error, from the record of the linearized readings."""
         sigma, level = float(record["nonlinear_sigma_deg"]), math.cos(math.radians(record["dip_deg"]))
         left = math.hypot(sigma, math.degrees(self.beyond_cubic / level))
@@ -97,7 +97,7 @@ class AxisTerms:
         return float(np.linalg.norm(each))
 
 
-def unchanged(fit: Fit) -> str:
+def unchanged_reason(fit: Fit) -> str:
     """Reason why a fit with `linearize` did not linearize its axes, in words."""
     found, lag = fit.evidence.diagnosis.nonlinearity, fit.evidence.diagnosis.axis_lag
     if found is None or not found.is_likely:

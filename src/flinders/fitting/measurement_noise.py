@@ -18,12 +18,12 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.geometry.ellipsoid import gathered
-from flinders.geometry.plane import down_of
+from flinders.geometry.ellipsoid import parameter_derivatives
+from flinders.geometry.plane import down_direction
 from flinders.geometry.sphere import fibonacci
 from flinders.heading.error_propagation import level_fields
 from flinders.targets._measurement_noise import MeasurementNoise
-from flinders.targets._target import SIGMAS, TILT_DEG, Gates
+from flinders.targets._target import GATE_SIGMAS, TILT_DEG, Gates
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -47,7 +47,7 @@ def noise_of(fit: Fit) -> MeasurementNoise | None:
     if not _is_stated(fit) or math.isnan(fit.heading_error_deg.rms):
         return None
     claim, strength = fit.claim, fit.calibration.field_strength
-    dip_deg, turn, down = claim.known_dip_deg, fit.calibration.rotation_matrix, down_of(claim.plane)
+    dip_deg, turn, down = claim.known_dip_deg, fit.calibration.rotation_matrix, down_direction(claim.plane)
     across, directions = level_fields(dip_deg, down)
     systematic, white = _errors(fit, (turn.T @ directions).T, claim.claimed_covariance)
     systematic, white = (turn @ part @ turn.T for part in (systematic.mean(axis=0), white))
@@ -100,14 +100,14 @@ def gates_of(fit: Fit) -> Gates | None:
     systematic, white = _errors(fit, DIRECTIONS, fit.claim.covariance)
     errors = systematic + white
     along = np.einsum("ni,nij,nj->n", DIRECTIONS, errors, DIRECTIONS)
-    strength = SIGMAS * fit.calibration.field_strength * float(np.sqrt(along.max()))
+    strength = GATE_SIGMAS * fit.calibration.field_strength * float(np.sqrt(along.max()))
     if not strength < fit.calibration.field_strength:
         return None
     aiding = fit.evidence.aiding
     if fit.calibration.rotation != "estimated" or aiding is None or aiding.dip_deg is None:
         return Gates(strength)
     across = float(np.linalg.eigvalsh(errors)[:, -1].max()) + _mounting_variance(aiding)
-    limit = SIGMAS * math.hypot(math.degrees(math.sqrt(across)), aiding.dip_sigma_deg or 0.0, TILT_DEG)
+    limit = GATE_SIGMAS * math.hypot(math.degrees(math.sqrt(across)), aiding.dip_sigma_deg or 0.0, TILT_DEG)
     return Gates(strength, aiding.dip_deg, limit)
 
 
@@ -119,7 +119,9 @@ def _is_stated(fit: Fit) -> bool:
 def _errors(fit: Fit, directions: Floats, covariance: Floats) -> tuple[Floats, Floats]:
     """(N, 3, 3) G C Gᵀ in (N, 3) directions, and (3, 3) σ² S⁻¹S⁻ᵀ, relative to the squared field strength."""
     inverse = np.linalg.inv(fit.calibration.ellipsoid.shape)
-    rows = np.stack([gathered(np.tile(row, (len(directions), 1)).T, directions.T) for row in inverse], axis=1)
+    rows = np.stack(
+        [parameter_derivatives(np.tile(row, (len(directions), 1)).T, directions.T) for row in inverse], axis=1
+    )
     carried: Floats = rows @ np.asarray(covariance) @ np.swapaxes(rows, 1, 2)
     carried = (carried + np.swapaxes(carried, 1, 2)) / 2.0
     return carried, fit.evidence.noise**2 * inverse @ inverse.T

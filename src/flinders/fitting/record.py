@@ -15,12 +15,12 @@ import math
 from typing import TYPE_CHECKING, Final
 
 from flinders.core.units import MICROTESLA
-from flinders.geometry.ellipsoid import upper
+from flinders.geometry.ellipsoid import upper_entries
 from flinders.geometry.plane import PLANES
 from flinders.heading.error_propagation import HeadingError
 from flinders.native.engine import engine
-from flinders.native.layouts import constant
-from flinders.summary.coverage import CELLS
+from flinders.native.layouts import enum_value
+from flinders.summary.coverage import CELL_CENTRES
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -39,8 +39,12 @@ if TYPE_CHECKING:
     from flinders.summary.quality import Rail
     from flinders.summary.summary import Statistics
 
-AIDED, AIDED_BY_FIELD, AIDED_BY_ATTITUDE = constant("AIDED"), constant("AIDED_BY_FIELD"), constant("AIDED_BY_ATTITUDE")
-COMPENSATED, REFRESHED = constant("COMPENSATED"), constant("REFRESHED")
+AIDED, AIDED_BY_FIELD, AIDED_BY_ATTITUDE = (
+    enum_value("AIDED"),
+    enum_value("AIDED_BY_FIELD"),
+    enum_value("AIDED_BY_ATTITUDE"),
+)
+COMPENSATED, REFRESHED = enum_value("COMPENSATED"), enum_value("REFRESHED")
 """Sources of a fit other than the readings of one magnetometer, as bits."""
 
 STATISTICS_FIELDS: Final = (
@@ -48,7 +52,7 @@ STATISTICS_FIELDS: Final = (
 )  # fmt: skip
 """Fields of a record with the same names in `Statistics`."""
 
-ASKS_HALVES, ASKS_SWAP = constant("ASKS_HALVES"), constant("ASKS_SWAP")
+ASKS_HALVES, ASKS_SWAP = enum_value("ASKS_HALVES"), enum_value("ASKS_SWAP")
 """Further tests that a judgement requests, as bits."""
 
 ROTATIONS: Final = {"symmetric": 0, "estimated": 2}
@@ -85,7 +89,7 @@ def record_of(
     record["used"] = estimate.used or statistics.fitted
     record["rejected"] = sum(run.independent for run in estimate.outliers)
     record["is_robust"] = bool(estimate.outliers)
-    record["farthest"] = farthest(estimate.outliers)
+    record["farthest"] = largest_outlier_distance(estimate.outliers)
     record["plane"] = NUMBER_OF_PLANE[estimate.plane]
     record["swaps"][0] = estimate.may_be_swapped
     if (strength := estimate.site_strength) is not None:
@@ -94,11 +98,11 @@ def record_of(
     _add_statistics(record, statistics)
     if coverage is not None:
         record["coverage"], record["hole_deg"] = coverage.fraction, coverage.hole_deg
-        record["upright"] = float(coverage.counts @ CELLS[:, 2]) / max(coverage.readings, 1.0)
+        record["upright"] = float(coverage.counts @ CELL_CENTRES[:, 2]) / max(coverage.readings, 1.0)
     return record
 
 
-def farthest(outliers: Iterable[Outlier]) -> float:
+def largest_outlier_distance(outliers: Iterable[Outlier]) -> float:
     """Largest distance of an outlier from the majority; NaN without outliers."""
     return max((run.max_distance for run in outliers), default=math.nan)
 
@@ -106,7 +110,11 @@ def farthest(outliers: Iterable[Outlier]) -> float:
 def record_of_ellipsoid(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0) -> Records:
     """Record of an ellipsoid alone; other fields are unknown."""
     record = engine().record()
-    record["centre"], record["shape"], record["radius"] = ellipsoid.centre, upper(ellipsoid.shape), ellipsoid.radius
+    record["centre"], record["shape"], record["radius"] = (
+        ellipsoid.centre,
+        upper_entries(ellipsoid.shape),
+        ellipsoid.radius,
+    )
     record["dip_deg"] = dip_deg
     return record
 
@@ -132,7 +140,7 @@ def _add_statistics(record: Records, statistics: Statistics) -> None:
         _add_rail(record, rail)
     clock = statistics.clock
     if clock.steps:
-        record["start"], record["end"] = 0.0, clock.usual_step * max(statistics.rows - 1, 1)
+        record["start"], record["end"] = 0.0, clock.mean_step * max(statistics.rows - 1, 1)
         record["longest_step"], record["backward_steps"] = clock.longest_step, clock.backward_steps
     add_reading(record, statistics)
 
@@ -160,7 +168,7 @@ def add_diagnosis(record: Records, diagnosis: Diagnosis) -> None:
         record["drift_offset"], record["drift_by_chance"] = drift.offset, drift.p_value
         record["halves_apart"] = math.nan if drift.halves_ratio is None else drift.halves_ratio
     if repeats is not None:
-        part = repeats.farthest
+        part = repeats.most_deviating
         record["apart_deg"], record["apart_sigma_deg"] = part.difference_deg, part.difference_sigma_deg
         record["apart_by_chance"] = part.p_value
     record["swap_gain"] = math.nan if diagnosis.axis_swap is None else diagnosis.axis_swap.gain
@@ -187,7 +195,7 @@ def sources_of(aiding: Aiding | None, *, is_aided: bool, is_compensated: bool, i
     )
 
 
-def request_of(calibration: Calibration, *, target_deg: float) -> Records:
+def judgement_request(calibration: Calibration, *, target_deg: float) -> Records:
     """Request for the judgement of a calibration, without further shrinkage."""
     return engine().request(
         target_deg=target_deg,

@@ -33,26 +33,26 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast
 
 import numpy as np
 
-from flinders.core.joining import in_memory
-from flinders.core.keywords import spell_checked
+from flinders.core.joining import read_into_memory
+from flinders.core.keywords import check_keywords
 from flinders.core.samples import Samples, frame_of
 from flinders.diagnostics.soft_iron import Refreshed
 from flinders.errors import AxesError, OutOfScale, TooFewSamples, UnitError, Unmoved, UsageError
-from flinders.estimators import Readings, within_range
+from flinders.estimators import Readings, remove_saturated
 from flinders.estimators.data import recording_of
-from flinders.estimators.likelihood import estimated
+from flinders.estimators.likelihood import estimate_from_record
 from flinders.findings import limit_of
-from flinders.fitting.aid_selection import aided_by
+from flinders.fitting.aid_selection import fit_with_aids
 from flinders.fitting.aiding import Instruments
-from flinders.fitting.calibrate import ELSEWHERE, judged_as
+from flinders.fitting.calibrate import PARAMETERS_ELSEWHERE, judge_estimate
 from flinders.fitting.request import judged_dip
 from flinders.fitting.result import with_calibration
-from flinders.geometry.ellipsoid import Ellipsoid, symmetric
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric_matrix
 from flinders.heading.error_propagation import raw_error
 from flinders.likelihood.prior import KnownShape
 from flinders.likelihood.site_field import Site
 from flinders.native.engine import engine
-from flinders.native.layouts import constant
+from flinders.native.layouts import enum_value
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ if TYPE_CHECKING:
 
 METHOD: Final = "refresh"
 
-TOO_FEW, OUT_OF_SCALE, UNMOVED = (constant(name) for name in ("TOO_FEW", "OUT_OF_SCALE", "UNMOVED"))
+TOO_FEW, OUT_OF_SCALE, UNMOVED = (enum_value(name) for name in ("TOO_FEW", "OUT_OF_SCALE", "UNMOVED"))
 """Statuses of the engine."""
 
 MIN_READINGS: Final = 20
@@ -75,10 +75,10 @@ MIN_READINGS: Final = 20
 MIN_DISTINCT_READINGS: Final = 10
 """Smallest count of distinct readings, as in ``record.h``."""
 
-TO_ALL_SIDES: Final = "by 30° to all sides"
+MOTION_WORDS: Final = "by 30° to all sides"
 """Required motion of the sensor, in words."""
 
-UNFIT: Final = {
+UNFIT_REASONS: Final = {
     "none": "there is no earlier calibration to renew: choose its file first",
     "refused": "{name} was refused when it was made: calibrate again, from a full tumble",
     "level": "{name} comes from a level turn, which does not give the soft iron: repeat the level turn and calibrate",
@@ -93,7 +93,7 @@ OTHER_AXES: Final = "{source} has axes {axes}, {name} has {other}: read it with 
 """Message for readings in other axes than those of the earlier calibration."""
 
 
-@spell_checked(ELSEWHERE)
+@check_keywords(PARAMETERS_ELSEWHERE)
 def refresh(
     source: AnyReadings,
     previous: Fit,
@@ -152,16 +152,16 @@ def refresh(
     dip_deg, is_unknown = judged_dip(site)
     dip_deg = previous.claim.dip_deg if is_unknown else dip_deg
     here = replace(
-        Site() if site is None else site.judged,
+        Site() if site is None else site.for_judgement,
         strength=strength_of(previous.calibration, site),
         inclination_deg=dip_deg,
     )
-    earlier = earlier_of(previous, site, soft_iron_sigma=soft_iron_sigma)
-    found = _solve(within_range(Readings.of(samples)), earlier, dip_deg)
+    earlier = earlier_record(previous, site, soft_iron_sigma=soft_iron_sigma)
+    found = _solve(remove_saturated(Readings.of(samples)), earlier, dip_deg)
     if aiding:
         of_site = None if site is None else replace(site, strength=None).evidence
         found = _solve_aided(samples, found, earlier, Instruments.of(aiding), site=of_site, dip_deg=dip_deg)
-    fit = judged_as(
+    fit = judge_estimate(
         replace(found.estimate, method=METHOD, is_aided=False),
         found.readings,
         aiding_result=found.aiding,
@@ -169,18 +169,18 @@ def refresh(
         target_deg=target_deg,
         sensor=previous.calibration.sensor,
         dip_assumed=is_unknown and previous.claim.dip_assumed,
-        refreshed=refreshed_from(previous, found.estimate.ellipsoid, dip_deg, found.soft_iron_p_value),
+        refreshed=changes_since(previous, found.estimate.ellipsoid, dip_deg, found.soft_iron_p_value),
     )
     if fit.calibration.rotation == "estimated":
         return fit
-    return with_calibration(fit, turned(fit.calibration, previous))
+    return with_calibration(fit, with_rotation_of(fit.calibration, previous))
 
 
-def earlier_of(previous: Fit, site: Site | None = None, *, soft_iron_sigma: float = 0.0) -> Records:
+def earlier_record(previous: Fit, site: Site | None = None, *, soft_iron_sigma: float = 0.0) -> Records:
     """Row of the engine's `EARLIER`: shape and covariance of an earlier calibration, in the field of a site."""
     calibration, claim = previous.calibration, previous.claim
     strength = strength_of(calibration, site)
-    return engine().earlier(
+    return engine().make_earlier(
         calibration.ellipsoid.centre,
         calibration.ellipsoid.shape,
         claim.covariance if claim.states_uncertainty else None,
@@ -200,7 +200,7 @@ def known_shape(previous: Fit, site: Site | None = None) -> KnownShape:
     >>> shape.entries, np.sqrt(np.diag(shape.covariance)).round(2)
     (array([50., 50., 50.,  0.,  0.,  0.]), array([1.12, 1.12, 1.12, 1.  , 1.  , 1.  ]))
     """
-    return _known_shape(earlier_of(previous, site))
+    return _known_shape(earlier_record(previous, site))
 
 
 def _known_shape(earlier: Records) -> KnownShape:
@@ -219,7 +219,7 @@ def refuse_unfit(previous: Fit) -> None:
     }
     for why, is_so in unfit.items():
         if is_so:
-            raise UsageError(UNFIT[why].format(name=previous.provenance.name, disturbances=disturbances))
+            raise UsageError(UNFIT_REASONS[why].format(name=previous.provenance.name, disturbances=disturbances))
 
 
 def samples_of(source: AnyReadings, previous: Fit) -> Samples:
@@ -237,7 +237,7 @@ def samples_of(source: AnyReadings, previous: Fit) -> Samples:
         raise AxesError(
             OTHER_AXES.format(source=recording.source, axes=axes, name=previous.provenance.name, other=other)
         )
-    return in_memory(recording)
+    return read_into_memory(recording)
 
 
 def strength_of(calibration: Calibration, site: Site | None) -> float | None:
@@ -264,7 +264,7 @@ def _solve(readings: Readings, earlier: Records, dip_deg: float) -> _RefreshEsti
     ------
     TooFewSamples, Unmoved, OutOfScale, NotAnEllipsoid
     """
-    samples = in_memory(cast("Recording", readings.recording))
+    samples = read_into_memory(cast("Recording", readings.recording))
     record = engine().refresh(samples.field, earlier, time=samples.time, dip_deg=dip_deg)
     if record["status"] == TOO_FEW and len(samples) < MIN_READINGS:
         raise TooFewSamples(found=len(samples), needed=MIN_READINGS, method=METHOD)
@@ -272,23 +272,23 @@ def _solve(readings: Readings, earlier: Records, dip_deg: float) -> _RefreshEsti
         found = int(record["distinct"])
         raise TooFewSamples(found=found, among=len(samples), needed=MIN_DISTINCT_READINGS, method=METHOD)
     if record["status"] == UNMOVED:
-        turn_deg = engine().turn_deg(samples.field, symmetric(earlier["parameters"][3:]))
-        raise Unmoved(turn_deg, TO_ALL_SIDES)
+        turn_deg = engine().turn_deg(samples.field, symmetric_matrix(earlier["parameters"][3:]))
+        raise Unmoved(turn_deg, MOTION_WORDS)
     if record["status"] == OUT_OF_SCALE:
         raise OutOfScale(readings.summary.moments.unit)
-    readings = readings.fitted()
+    readings = readings.for_fit()
     return _RefreshEstimate(
-        estimated(record, readings, has_statistics=True), readings, float(record["soft_iron_p_value"])
+        estimate_from_record(record, readings, has_statistics=True), readings, float(record["soft_iron_p_value"])
     )
 
 
 def _solve_aided(
     samples: Samples, alone: _RefreshEstimate, earlier: Records, aiding: Instruments, **options: Any
 ) -> _RefreshEstimate:
-    """Estimate with aiding sensors, starting at the estimate `alone`; `options` are those of `aided_by`."""
+    """Estimate with aiding sensors, starting at the estimate `alone`; `options` are those of `fit_with_aids`."""
     options |= {"start": alone.estimate.ellipsoid, **aiding.sigmas}
     (same, reported), (changed, reported_freer) = (
-        aided_by(samples, aiding.asked, shape=_known_shape(each), **options)
+        fit_with_aids(samples, aiding.request, shape=_known_shape(each), **options)
         for each in (earlier, engine().allow_change(earlier))
     )
     chance = engine().soft_iron_p_value(
@@ -296,10 +296,10 @@ def _solve_aided(
     )
     is_changed = chance < limit_of("soft-iron-changed")
     aided, report = (changed, reported_freer) if is_changed else (same, reported)
-    return _RefreshEstimate(aided.estimate(), alone.readings.as_read, chance, report)
+    return _RefreshEstimate(aided.estimate(), alone.readings.all_readings, chance, report)
 
 
-def refreshed_from(previous: Fit, ellipsoid: Ellipsoid, dip_deg: float, soft_iron_p_value: float = 1.0) -> Refreshed:
+def changes_since(previous: Fit, ellipsoid: Ellipsoid, dip_deg: float, soft_iron_p_value: float = 1.0) -> Refreshed:
     """Changes since an earlier calibration, and the heading error of a level vehicle that they would cause now."""
     change = ellipsoid.centre - previous.calibration.offset
     off = Ellipsoid(np.linalg.solve(previous.calibration.ellipsoid.shape, change), np.eye(3))
@@ -307,7 +307,7 @@ def refreshed_from(previous: Fit, ellipsoid: Ellipsoid, dip_deg: float, soft_iro
     return Refreshed(previous.provenance.name, change, worst, soft_iron_p_value, previous.evidence.residuals.distortion)
 
 
-def turned(calibration: Calibration, previous: Fit) -> Calibration:
+def with_rotation_of(calibration: Calibration, previous: Fit) -> Calibration:
     """The correction, into the axes of readings corrected by the earlier calibration."""
     rotation = previous.calibration.rotation
     return (

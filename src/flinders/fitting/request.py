@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any, Self, cast
 
 from flinders.core.geomag import ASSUMED_DIP_DEG
 from flinders.errors import UsageError
-from flinders.estimators import method_of
+from flinders.estimators import method_class
 from flinders.estimators.auto import Auto
-from flinders.estimators.base import OF_SITE
+from flinders.estimators.base import SITE_OPTIONS
 from flinders.heading.error_propagation import require_headings
-from flinders.likelihood.prior import SPREAD
+from flinders.likelihood.prior import SOFT_IRON_SPREAD
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -38,7 +38,7 @@ class Request:
     field_strength: float | None = None  # length of corrected readings; by default the fitted radius
     alignment_sigma_deg: float | None = None
     site: Site | None = None  # values of the site that are priors of the fit
-    prior: float | None = SPREAD
+    prior: float | None = SOFT_IRON_SPREAD
     instruments: Instruments | None = None
 
     @classmethod
@@ -96,11 +96,11 @@ def estimator_of(method: str | Estimator, request: Request) -> Estimator:
     UsageError
         For an unknown name, an object that is no method, and a dip or strength other than that of the site.
     """
-    given: Any = method_of(method)() if isinstance(method, str) else method
+    given: Any = method_class(method)() if isinstance(method, str) else method
     if not hasattr(given, "estimate") or isinstance(given, type):
         raise UsageError(f"method is {method!r}: need a name, or a method of flinders.estimators with its options")
     options = getattr(given, "__dataclass_fields__", {})
-    of_site = {name: getattr(request, name) for name in OF_SITE if name in options}
+    of_site = {name: getattr(request, name) for name in SITE_OPTIONS if name in options}
     for name, known in of_site.items():
         if (own := getattr(given, name)) not in (known, options[name].default):
             raise UsageError(f"{given.name} has its own value {own:g}: state it in the site", hint={"site": None})

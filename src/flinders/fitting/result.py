@@ -22,15 +22,15 @@ from typing import TYPE_CHECKING, ClassVar, TypeAlias, overload
 
 from msgspec import UNSET
 
-from flinders.core.above import ABOVE
+from flinders.core.above import UPPER_FUNCTIONS
 from flinders.core.calibration_file import PARAMETERS, Fitted, HeadingErrorRecord, write
 from flinders.core.short_repr import ShortRepr
-from flinders.core.units import label
-from flinders.errors import FitError, counted, figures
+from flinders.core.units import unit_label
+from flinders.errors import FitError, count_text, figures
 from flinders.findings import VERDICTS, Finding, Verdict, first_causes
-from flinders.fitting.claim import Claim, parameters_of
+from flinders.fitting.claim import Claim, parameter_names
 from flinders.fitting.evidence import Evidence
-from flinders.fitting.good_until import good_until, since_of, walk_record
+from flinders.fitting.good_until import good_until, recording_date, walk_record
 
 if TYPE_CHECKING:
     import os
@@ -182,7 +182,7 @@ class Fit:
         UsageError
             For an unknown kind, or the deviation of a fit that states no uncertainty.
         """
-        drawn: Figure | Axes = ABOVE["plot"](self, kind, recording, ax=ax)
+        drawn: Figure | Axes = UPPER_FUNCTIONS["plot"](self, kind, recording, ax=ax)
         return drawn
 
     def save(
@@ -200,7 +200,7 @@ class Fit:
         write(document_of(self, provenance), path, force=force)
 
     def _repr_html_(self) -> str:
-        return str(ABOVE["html"](self))
+        return str(UPPER_FUNCTIONS["html"](self))
 
     @property
     def verdict(self) -> Verdict:
@@ -221,11 +221,11 @@ class Fit:
         error, evidence = self.heading_error_deg, self.evidence
         if not evidence.is_described or math.isnan(error.worst):
             return f"Fit({self.verdict}, {evidence.method}, no heading error stated)"
-        unit = label(self.calibration.unit)
+        unit = unit_label(self.calibration.unit)
         noise = "" if math.isnan(evidence.noise) else f"noise {figures(evidence.noise, 3)} {unit}, "
         return (
             f"Fit({self.verdict}, {evidence.method}, heading error {error.rms:.2g}° rms, {error.worst:.2g}° worst, "
-            f"{noise}{counted(evidence.samples, 'reading')})"
+            f"{noise}{count_text(evidence.samples, 'reading')})"
         )
 
 
@@ -250,7 +250,7 @@ def with_name(fit: Fit, name: str) -> Fit:
     return replace(fit, provenance=replace(fit.provenance, name=name))
 
 
-def of_recording(fit: Fit, recording: Recording | None) -> Fit:
+def with_recording(fit: Fit, recording: Recording | None) -> Fit:
     """The same fit with the recording of its readings."""
     return replace(fit, provenance=replace(fit.provenance, recording=recording))
 
@@ -274,11 +274,11 @@ def _record(fit: Fit, origin: ProvenanceRecord | None) -> Fitted | None:
         method=evidence.method,
         samples=evidence.samples,
         noise=finite_or_none(evidence.noise),
-        covariance_of=parameters_of(fit.calibration) if covariance else PARAMETERS,
+        covariance_of=parameter_names(fit.calibration) if covariance else PARAMETERS,
         covariance=covariance,
         verdict=fit.verdict,
         heading_error_deg=heading_record(claim),
-        good_until=UNSET if until is None else until.to_record(since_of(origin)),
+        good_until=UNSET if until is None else until.to_record(recording_date(origin)),
         walk=UNSET if fit.provenance.walk is None else walk_record(fit.provenance.walk),
         coverage=evidence.coverage.as_dict(),
         findings=fit.judgement.finding_records,

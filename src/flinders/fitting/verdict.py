@@ -17,26 +17,26 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from flinders.core.disturbance import known, motor
+from flinders.core.disturbance import kind_and_motor, kind_of
 from flinders.core.language import ENGLISH
-from flinders.core.units import label
-from flinders.findings import Finding, Record, by_severity, first_causes, found_in, limit_of
+from flinders.core.units import unit_label
+from flinders.findings import Finding, Record, by_severity, findings_in, first_causes, limit_of
 from flinders.findings.catalogue import (
-    OF_A_FIT,
-    OF_CALIBRATION,
-    OF_RECORDING,
-    OF_RESIDUALS,
-    OF_THE_FIT,
+    CALIBRATION_FINDINGS,
+    ENGINE_FINDINGS,
+    FIT_FINDINGS,
     QUANTITIES_OF_A_FIT,
+    RECORDING_FINDINGS,
+    RESIDUAL_FINDINGS,
 )
-from flinders.findings.finding import stated
-from flinders.findings.headline import NOT_CLAIMED, headline
+from flinders.findings.finding import make_finding
+from flinders.findings.headline import NO_CLAIM, headline
 from flinders.findings.row import CONDITIONS
 from flinders.findings.rules import SEVERITIES, causes_of
 from flinders.fitting.advice import is_covered, next_movement, next_step, tilted_errors
-from flinders.fitting.record import record_of_ellipsoid, request_of
+from flinders.fitting.record import judgement_request, record_of_ellipsoid
 from flinders.fitting.result import Judgement
-from flinders.geometry.plane import order_of
+from flinders.geometry.plane import axis_order
 from flinders.native.engine import engine
 
 if TYPE_CHECKING:
@@ -53,9 +53,9 @@ if TYPE_CHECKING:
     from flinders.native.layouts import Records
     from flinders.summary.summary import RestSpan, Statistics
 
-PLACED, SKEWED = 0.5, 0.15
+MAX_OFFSET_SIGMA, MIN_SHAPE_SIGMA = 0.5, 0.15
 """Limits across a level turn, as shares of the field: the offset counts as known below, the shape as unknown above."""
-NOT_BY_CHANCE: Final = 2.0
+MIN_IMPROVEMENT_SIGMAS: Final = 2.0
 """Smallest heading error of already corrected readings, over the claim, for a further calibration to improve them."""
 MIN_CURVE_SHARE: Final = 0.5
 """Smallest heading error from the nonlinearity of a disturbance that is reported, as a share of the target."""
@@ -78,17 +78,17 @@ def with_findings(result: Fit, judgement: Records, statistics: Statistics) -> Fi
         Statistics of its recording.
     """
     record, said = FitRecord(result, statistics, judged_quantities(judgement)), JudgedFindings.by(judgement)
-    supported = said.findings(record, OF_THE_FIT)
+    supported = said.findings(record, FIT_FINDINGS)
     if not any(finding.code == "one-plane" for finding in supported):
         # consequences of an ellipsoid that the readings do not determine are left out
         supported = [
             *supported,
             *_aiding_findings(result),
-            *said.findings(record, OF_RESIDUALS),
-            *of_disturbances(result),
-            *said.findings(record, OF_CALIBRATION),
+            *said.findings(record, RESIDUAL_FINDINGS),
+            *disturbance_findings(result),
+            *said.findings(record, CALIBRATION_FINDINGS),
         ]
-    findings = by_severity([*supported, *said.findings(record, OF_RECORDING)])
+    findings = by_severity([*supported, *said.findings(record, RECORDING_FINDINGS)])
     is_refused = any(finding.severity == "refuses" for finding in findings)
     return replace(result, judgement=Judgement(findings, () if is_refused else _conditions(judgement)))
 
@@ -105,9 +105,9 @@ def headline_of(fit: Fit, limit_deg: float | None = None, language: Language = E
     """
     cause = next(iter(first_causes(fit.findings)), None)
     if fit.judgement.is_flat:
-        return headline(fit.verdict, cause, NOT_CLAIMED, 0.0, language)
+        return headline(fit.verdict, cause, NO_CLAIM, 0.0, language)
     limit = fit.claim.attitude_limit_deg if limit_deg is None else limit_deg
-    return headline(fit.verdict, cause, fit.claim.of_headings, limit, language)
+    return headline(fit.verdict, cause, fit.claim.headline_numbers, limit, language)
 
 
 def judged_quantities(judgement: Records) -> dict[str, float]:
@@ -134,13 +134,13 @@ class JudgedFindings(NamedTuple):
         """Read the findings from a judgement of the engine."""
         severities = judgement["severities"]
         there = np.flatnonzero(severities).tolist()
-        said = {OF_A_FIT[rule]: each for rule in there if (each := SEVERITIES[severities[rule]]) is not None}
+        said = {ENGINE_FINDINGS[rule]: each for rule in there if (each := SEVERITIES[severities[rule]]) is not None}
         return cls(said, causes_of(judgement))
 
     def findings(self, record: Mapping[str, Any], codes: Iterable[str]) -> list[Finding]:
         """The findings of the judgement among `codes`, with values of a record."""
         return [
-            stated(code, record, self.severities[code], self.causes.get(code))
+            make_finding(code, record, self.severities[code], self.causes.get(code))
             for code in codes
             if code in self.severities
         ]
@@ -168,33 +168,33 @@ class FitRecord(Record):
 def _is_offset_known(result: Fit) -> bool:
     """Whether the offset perpendicular to the plane of a turn is known."""
     assert result.claim.plane is not None
-    across = order_of(result.claim.plane)[2]
-    return bool(result.claim.offset_sigma[across] < PLACED * result.claim.ellipsoid.radius)
+    across = axis_order(result.claim.plane)[2]
+    return bool(result.claim.offset_sigma[across] < MAX_OFFSET_SIGMA * result.claim.ellipsoid.radius)
 
 
 def _is_shape_unknown(result: Fit) -> bool:
     """Whether the shape perpendicular to the plane of a turn is unknown."""
     sigma = float(np.sqrt(np.diag(result.claim.covariance)[[6, 7, 8]].max()))
-    return sigma > SKEWED * result.claim.ellipsoid.radius
+    return sigma > MIN_SHAPE_SIGMA * result.claim.ellipsoid.radius
 
 
-def improves(fit: Fit) -> bool:
+def is_improvement(fit: Fit) -> bool:
     """Whether a calibration improves headings; for already corrected readings, by more than chance."""
-    better = NOT_BY_CHANCE if fit.claim.is_shrunk else 1.0
+    better = MIN_IMPROVEMENT_SIGMAS if fit.claim.is_shrunk else 1.0
     return fit.claim.uncorrected_heading_error_deg.worst > better * fit.heading_error_deg.worst
 
 
-def of_contradiction(repeats: Repeats, unit: str) -> dict[str, Any]:
+def contradiction_values(repeats: Repeats, unit: str) -> dict[str, Any]:
     """Recording that deviates from the others, or the two that differ, with the difference of offsets."""
     pair = [part.source for part in repeats.parts]
-    sources = pair if len(pair) == 2 else [repeats.farthest.source]
-    return {"sources": sources, "offset_apart": repeats.farthest.offset_difference, "unit": unit}
+    sources = pair if len(pair) == 2 else [repeats.most_deviating.source]
+    return {"sources": sources, "offset_apart": repeats.most_deviating.offset_difference, "unit": unit}
 
 
 def _contradiction_of_fit(judged: FitRecord) -> dict[str, Any]:
     """Recording of a fit that deviates from the others, with its difference; empty for a single recording."""
     repeats = judged.diagnosis.repeats
-    return {} if repeats is None else of_contradiction(repeats, label(judged.fit.calibration.unit))
+    return {} if repeats is None else contradiction_values(repeats, unit_label(judged.fit.calibration.unit))
 
 
 def _aiding_findings(fit: Fit) -> Iterator[Finding]:
@@ -240,7 +240,7 @@ VALUES: Final[dict[str, Callable[[FitRecord], Any]]] = {
     "next_step": lambda judged: next_step(judged.fit),
     "method": lambda judged: judged.fit.evidence.method,
     "corrected_length": lambda judged: judged.fit.calibration.field_strength,
-    "unit": lambda judged: label(judged.fit.calibration.unit),
+    "unit": lambda judged: unit_label(judged.fit.calibration.unit),
     "plane": lambda judged: judged.claim.plane or "",
     "is_placed": lambda judged: _is_offset_known(judged.fit),
     "is_skewed": lambda judged: _is_shape_unknown(judged.fit),
@@ -251,7 +251,7 @@ VALUES: Final[dict[str, Callable[[FitRecord], Any]]] = {
         "" if judged.diagnosis.nonlinearity is None else judged.diagnosis.nonlinearity.axis
     ),
     "late_axis": lambda judged: "" if judged.diagnosis.axis_lag is None else judged.diagnosis.axis_lag.axis,
-    "late_by": lambda judged: None if judged.diagnosis.axis_lag is None else judged.diagnosis.axis_lag.apart,
+    "late_by": lambda judged: None if judged.diagnosis.axis_lag is None else judged.diagnosis.axis_lag.lag,
     "is_timed": lambda judged: judged.diagnosis.axis_lag is not None and judged.diagnosis.axis_lag.is_timed,
     "sources": lambda judged: _contradiction_of_fit(judged).get("sources", ()),
     "offset_apart": lambda judged: _contradiction_of_fit(judged).get("offset_apart"),
@@ -259,7 +259,7 @@ VALUES: Final[dict[str, Callable[[FitRecord], Any]]] = {
     "swap_row": lambda judged: None if judged.diagnosis.axis_swap is None else judged.diagnosis.axis_swap.rows[0] + 1,
     "swap_count": lambda judged: None if judged.diagnosis.axis_swap is None else len(judged.diagnosis.axis_swap.rows),
     "halves_ratio": lambda judged: None if judged.diagnosis.drift is None else judged.diagnosis.drift.halves_ratio,
-    "is_better": lambda judged: improves(judged.fit),
+    "is_better": lambda judged: is_improvement(judged.fit),
     "is_covered": lambda judged: is_covered(judged.fit),
     "unmodelled": lambda judged: "" if judged.diagnosis.unmodelled is None else judged.diagnosis.unmodelled.name,
     "outlier_count": lambda judged: sum(run.independent for run in judged.evidence.outliers),
@@ -278,12 +278,12 @@ VALUES: Final[dict[str, Callable[[FitRecord], Any]]] = {
 """Values of the findings of a fit other than the quantities of its judgement; some are not numbers."""
 
 
-def of_calibration(calibration: Calibration) -> Iterator[Finding]:
+def calibration_findings(calibration: Calibration) -> Iterator[Finding]:
     """Findings from the calibration alone, without its readings."""
-    yield from judged_parts(calibration, OF_CALIBRATION)
+    yield from judge_calibration(calibration, CALIBRATION_FINDINGS)
 
 
-def judged_parts(
+def judge_calibration(
     calibration: Calibration,
     codes: Iterable[str],
     *,
@@ -297,7 +297,7 @@ def judged_parts(
     ----------
     calibration : Calibration
     codes : iterable of str
-        Codes of `flinders.findings.catalogue.OF_A_FIT`.
+        Codes of `flinders.findings.catalogue.ENGINE_FINDINGS`.
     target_deg : float
         Worst heading error that is good enough.
     values : mapping, optional
@@ -309,10 +309,10 @@ def judged_parts(
     record["is_claimed"] = True
     for name, number in numbers.items():
         record[name] = number
-    judgement = engine().judge(record, request_of(calibration, target_deg=target_deg))
+    judgement = engine().judge(record, judgement_request(calibration, target_deg=target_deg))
     own = {
         "axes": str(calibration.axes),
-        "unit": label(calibration.unit),
+        "unit": unit_label(calibration.unit),
         "corrected_length": calibration.field_strength,
         "differ_deg": math.nan,
         "textbook_deg": math.nan,
@@ -321,23 +321,25 @@ def judged_parts(
     yield from JudgedFindings.by(judgement).findings({**judged_quantities(judgement), **own, **(values or {})}, codes)
 
 
-def of_disturbances(fit: Fit) -> Iterator[Finding]:
+def disturbance_findings(fit: Fit) -> Iterator[Finding]:
     """Findings on each disturbance of a fit."""
     estimates = fit.evidence.disturbances.estimates
     if not estimates:
         return
-    yield from of_alike(estimates)
-    yield from of_noisy(estimates)
-    motors = [estimate.name for estimate in estimates if estimate.disturbance is not None and motor(estimate.name)[1]]
+    yield from collinearity_findings(estimates)
+    yield from noise_findings(estimates)
+    motors = [
+        estimate.name for estimate in estimates if estimate.disturbance is not None and kind_and_motor(estimate.name)[1]
+    ]
     for estimate in estimates:
         if estimate.disturbance is None:
-            yield from found_in(_unfollowed_record(estimate), "disturbance-constant", "column-unused")
+            yield from findings_in(_unfollowed_record(estimate), "disturbance-constant", "column-unused")
             continue
         record = {
             **_disturbance_record(estimate, estimate.disturbance, MIN_CURVE_SHARE * fit.claim.target_deg),
             "target_deg": fit.claim.target_deg,
             "left_at_most_deg": min(estimate.remaining_deg, 180.0),
-            "unit": label(fit.calibration.unit),
+            "unit": unit_label(fit.calibration.unit),
             "runs_along": bool(motors[1:]) and estimate.name in motors,
             "explained": estimate.explained,
             "explained_sigma": estimate.explained_sigma,
@@ -347,7 +349,7 @@ def of_disturbances(fit: Fit) -> Iterator[Finding]:
             "noise": fit.evidence.noise,
         }
         first = ("disturbance", "disturbance-uncertain", "disturbance-collinear-attitude")
-        yield from found_in(record, *first, *COLUMN_FINDINGS)
+        yield from findings_in(record, *first, *COLUMN_FINDINGS)
 
 
 COLUMN_FINDINGS: Final = tuple(
@@ -361,7 +363,7 @@ def _unfollowed_record(estimate: DisturbanceEstimate) -> dict[str, Any]:
     return {
         "is_constant": float(not estimate.is_unused),
         "nothing": 0.0,
-        "least_range": known(estimate.name).least,
+        "least_range": kind_of(estimate.name).least,
         "name": estimate.name,
         "is_unused": float(estimate.is_unused),
         "scatter_ratio": estimate.scatter_ratio,
@@ -408,7 +410,7 @@ def _reference(disturbance: Disturbance) -> dict[str, float]:
         "reference_outside": outside / (disturbance.highest - disturbance.lowest)
         if disturbance.has_range
         else math.nan,
-        "reference_limit": math.inf if motor(disturbance.name)[0] == LINEAR_DISTURBANCE else 0.25,
+        "reference_limit": math.inf if kind_and_motor(disturbance.name)[0] == LINEAR_DISTURBANCE else 0.25,
     }
 
 
@@ -418,20 +420,20 @@ def _range(disturbance: Disturbance) -> dict[str, float]:
     far = max(disturbance.lowest, disturbance.highest, key=abs)
     if not low <= far <= high:
         return {"is_out_of_range": 1.0, "range_number": far, "range_end": high if far > high else low}
-    is_negative = motor(disturbance.name)[0] == "current" and -disturbance.lowest > max(
+    is_negative = kind_and_motor(disturbance.name)[0] == "current" and -disturbance.lowest > max(
         disturbance.highest, disturbance.kind.least
     )
     return {"is_out_of_range": float(is_negative), "range_number": disturbance.lowest, "range_end": 0.0}
 
 
-def of_alike(estimates: Sequence[DisturbanceEstimate]) -> Iterator[Finding]:
+def collinearity_findings(estimates: Sequence[DisturbanceEstimate]) -> Iterator[Finding]:
     """Finding that disturbances are collinear, so that their effects cannot be distinguished."""
     names = [one.name for one in estimates if one.collinearity > limit_of("disturbances-collinear")]
     most = max((one.collinearity for one in estimates), default=0.0)
-    yield from found_in({"most_alike": most, "collinear": names}, "disturbances-collinear")
+    yield from findings_in({"most_alike": most, "collinear": names}, "disturbances-collinear")
 
 
-def of_noisy(estimates: Sequence[DisturbanceEstimate]) -> Iterator[Finding]:
+def noise_findings(estimates: Sequence[DisturbanceEstimate]) -> Iterator[Finding]:
     """Finding that columns of disturbances are noisy: one for all columns."""
     limit = limit_of("disturbance-noisy")
     noisy = [one for one in estimates if one.disturbance is not None and one.attenuation > limit]
@@ -441,16 +443,16 @@ def of_noisy(estimates: Sequence[DisturbanceEstimate]) -> Iterator[Finding]:
         "least_attenuation": min(shares, default=0.0),
         "noisy_names": [one.name for one in noisy],
     }
-    yield from found_in(record, "disturbance-noisy")
+    yield from findings_in(record, "disturbance-noisy")
 
 
-def of_column(estimate: DisturbanceEstimate) -> Iterator[Finding]:
+def column_findings(estimate: DisturbanceEstimate) -> Iterator[Finding]:
     """Findings on the logged values of a disturbance, of a sensor on a bench."""
     if estimate.disturbance is not None:
-        yield from found_in(_disturbance_record(estimate, estimate.disturbance), *COLUMN_FINDINGS)
+        yield from findings_in(_disturbance_record(estimate, estimate.disturbance), *COLUMN_FINDINGS)
 
 
-def of_extrapolation(correction: Calibration, beyond: Mapping[str, float]) -> Iterator[Finding]:
+def extrapolation_findings(correction: Calibration, beyond: Mapping[str, float]) -> Iterator[Finding]:
     """Findings on extrapolated disturbances, from `beyond` of `flinders.core.compensation.Compensator`.
 
     Examples
@@ -459,9 +461,9 @@ def of_extrapolation(correction: Calibration, beyond: Mapping[str, float]) -> It
     >>> from flinders.core.disturbance import Disturbance
     >>> motors = Disturbance("current", [0.5, 0.0, 0.0], highest=20.0)
     >>> followed = Calibration(np.eye(3), [0.0, 0.0, 0.0], 50.0, disturbances=(motors,))
-    >>> [(finding.code, finding.number) for finding in of_extrapolation(followed, {"current": 0.25})]
+    >>> [(finding.code, finding.number) for finding in extrapolation_findings(followed, {"current": 0.25})]
     [('disturbance-beyond', 0.25)]
     """
     for disturbance in correction.disturbances:
         record = {**_numbers(disturbance), "beyond": beyond.get(disturbance.name, 0.0)}
-        yield from found_in(record, "disturbance-beyond")
+        yield from findings_in(record, "disturbance-beyond")

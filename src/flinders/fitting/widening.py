@@ -8,7 +8,7 @@ for repeated and for few readings (``claim.c``); this module adds the widening t
 >>> from flinders.estimators import Readings
 >>> from flinders.estimators.auto import Auto
 >>> readings = Readings.of(simulate.tumble(seed=1, n=300).samples)
->>> widened = claimed(Auto().estimate(readings), readings, Auto(), readings.summary.statistics)
+>>> widened = widen_claim(Auto().estimate(readings), readings, Auto(), readings.summary.statistics)
 >>> float(widened.record["repetition"]), widened.repeats is None
 (1.0, True)
 """
@@ -23,9 +23,9 @@ import numpy as np
 from flinders.core.joining import Joined
 from flinders.errors import FitError
 from flinders.estimators import ROWS, Readings
-from flinders.estimators.covariance import beyond_chance
+from flinders.estimators.covariance import unexplained_part
 from flinders.fitting.record import record_of
-from flinders.geometry.ellipsoid import Ellipsoid, symmetric
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric_matrix
 from flinders.native.engine import engine
 
 if TYPE_CHECKING:
@@ -55,20 +55,20 @@ class Widened(NamedTuple):
     record: Records
     repeats: Repeats | None = None
 
-    def widened(self, covariance: Floats) -> Widened:
+    def with_covariance(self, covariance: Floats) -> Widened:
         """The same with another (9, 9) covariance, and unknown level errors."""
         self.record["covariance"] = covariance.ravel()
         self.record["level_worst_deg"] = self.record["level_rms_deg"] = np.nan
         return self._replace(estimate=replace(self.estimate, covariance=covariance))
 
-    def shrunk(self) -> Widened:
+    def with_shrinkage(self) -> Widened:
         """The same with the shrunk estimate of the record."""
-        ellipsoid = Ellipsoid(self.record["centre"].copy(), symmetric(self.record["shape"]))
+        ellipsoid = Ellipsoid(self.record["centre"].copy(), symmetric_matrix(self.record["shape"]))
         covariance = self.record["covariance"].reshape(9, 9).copy()
         return self._replace(estimate=replace(self.estimate, ellipsoid=ellipsoid, covariance=covariance, textbook=None))
 
 
-def claimed(
+def widen_claim(
     estimate: Estimate,
     readings: Readings,
     likelihood: Auto,
@@ -102,18 +102,18 @@ def claimed(
     is_wide = record is not None or estimate.correlation is not None or estimate.plane or readings.recording is None
     reference = None if is_joint or (is_wide and not is_biased) else _reference(readings, likelihood)
     if reference is not None and not is_wide and not reference.plane and not reference.unobserved:
-        estimate = as_correlated(estimate, reference)
+        estimate = widen_by_correlation(estimate, reference)
     filled = record_of(estimate, statistics, coverage, dip_deg=likelihood.dip_deg) if record is None else record.copy()
     engine().claim(filled, engine().request(parameters=0 if is_joint else _parameter_count(estimate), shrinks=0))
     widened = Widened(replace(estimate, covariance=filled["covariance"].reshape(9, 9).copy()), filled)
     if reference is not None and is_biased:
         biased = with_bias(widened.estimate, reference)
-        widened = widened.widened(biased.covariance)._replace(estimate=biased)
+        widened = widened.with_covariance(biased.covariance)._replace(estimate=biased)
     repeats = _compare(readings, likelihood, widened.estimate)
     return (
         widened
         if repeats is None
-        else widened.widened(widened.estimate.covariance + repeats.scatter)._replace(repeats=repeats)
+        else widened.with_covariance(widened.estimate.covariance + repeats.scatter)._replace(repeats=repeats)
     )
 
 
@@ -131,7 +131,7 @@ def _parameter_count(estimate: Estimate) -> int:
     return ROWS[name].parameters if name in ROWS else 5 if estimate.plane else 9
 
 
-def as_correlated(estimate: Estimate, likelihood: Estimate) -> Estimate:
+def widen_by_correlation(estimate: Estimate, likelihood: Estimate) -> Estimate:
     """Widen a claim for independent residuals by the factor of the likelihood for correlated ones.
 
     The factor is the mean over the variances of all nine parameters.
@@ -153,7 +153,7 @@ def as_correlated(estimate: Estimate, likelihood: Estimate) -> Estimate:
 
 
 def with_bias(estimate: Estimate, likelihood: Estimate) -> Estimate:
-    """Add d dᵀ to the covariance, with the difference d from the likelihood estimate `beyond_chance`.
+    """Add d dᵀ to the covariance, with the difference d from the likelihood estimate `unexplained_part`.
 
     Parameters
     ----------
@@ -161,14 +161,14 @@ def with_bias(estimate: Estimate, likelihood: Estimate) -> Estimate:
         Of the same readings.
     """
     difference = estimate.ellipsoid.parameters - likelihood.ellipsoid.parameters
-    bias = beyond_chance(difference, estimate.covariance + likelihood.covariance)
+    bias = unexplained_part(difference, estimate.covariance + likelihood.covariance)
     covariance = estimate.covariance + np.outer(bias, bias)
     if likelihood.unobserved:  # the bias of a method is unknown in directions that the readings do not determine
         covariance = covariance + likelihood.covariance
     return replace(estimate, covariance=covariance, bias=bias if bias.any() else None)
 
 
-def halves_apart(samples: Samples, likelihood: Auto, estimate: Estimate) -> float | None:
+def compare_halves(samples: Samples, likelihood: Auto, estimate: Estimate) -> float | None:
     """Heading difference between the halves of a recording at the worst heading, over its claimed sigma."""
     middle = len(samples) // 2
     repeats = _compare(Readings.of(Joined((samples[:middle], samples[middle:]))), likelihood, estimate)
@@ -186,7 +186,7 @@ def _compare(readings: Readings, likelihood: Auto, estimate: Estimate) -> Repeat
     """
     if not readings.parts:
         return None
-    from flinders.diagnostics.repeatability import RecordingFit, compared
+    from flinders.diagnostics.repeatability import RecordingFit, compare_recordings
 
     turns: list[RecordingFit] = []
     others: list[RecordingFit] = []
@@ -201,4 +201,4 @@ def _compare(readings: Readings, likelihood: Auto, estimate: Estimate) -> Repeat
             fits = turns if alone.plane else others
             fits.append(RecordingFit(source, alone.used, alone.ellipsoid, alone.covariance * widening))
     fits = turns if estimate.plane or len(others) < 2 else others
-    return compared(fits, dip_deg=likelihood.dip_deg) if len(fits) > 1 else None
+    return compare_recordings(fits, dip_deg=likelihood.dip_deg) if len(fits) > 1 else None

@@ -25,11 +25,11 @@ from flinders.errors import NotAnEllipsoid
 if TYPE_CHECKING:
     from flinders.arrays import Floats
 
-GATHER: Final = np.zeros((12, 9))
+PARAMETER_DERIVATIVES: Final = np.zeros((12, 9))
 """(12, 9) matrix from v and the nine products v_i u_j to the coefficients of δb and of a symmetric δS."""
 
-GATHER[[0, 1, 2], [0, 1, 2]] = 1.0
-GATHER[[3, 7, 11, 4, 6, 5, 9, 8, 10], [3, 4, 5, 6, 6, 7, 7, 8, 8]] = 1.0
+PARAMETER_DERIVATIVES[[0, 1, 2], [0, 1, 2]] = 1.0
+PARAMETER_DERIVATIVES[[3, 7, 11, 4, 6, 5, 9, 8, 10], [3, 4, 5, 6, 6, 7, 7, 8, 8]] = 1.0
 
 SYMMETRIC_INDEX: Final = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
 """(3, 3) index, among the entries 11, 22, 33, 12, 13, 23, of each entry of a symmetric matrix."""
@@ -51,7 +51,7 @@ class Ellipsoid:
         Raises `NotAnEllipsoid` if the quadric is open, imaginary or not finite. The signs of all eigenvalues are
         checked, not the determinant alone.
         """
-        form, linear, constant = symmetric(coefficients[:6]), coefficients[6:9], coefficients[9]
+        form, linear, constant = symmetric_matrix(coefficients[:6]), coefficients[6:9], coefficients[9]
         if not np.all(np.isfinite(coefficients)):
             raise NotAnEllipsoid((float("nan"),) * 3, method)
         if np.trace(form) < 0:
@@ -70,7 +70,7 @@ class Ellipsoid:
         root = np.linalg.inv(self.shape)
         form = root @ root
         linear = form @ self.centre
-        return np.concatenate([upper(form), -2.0 * linear, [self.centre @ linear - 1.0]])
+        return np.concatenate([upper_entries(form), -2.0 * linear, [self.centre @ linear - 1.0]])
 
     def in_frame(self, origin: Floats, scale: float) -> Self:
         """The same surface in coordinates x = origin + scale · z, if the ellipsoid is in coordinates z."""
@@ -99,12 +99,12 @@ class Ellipsoid:
     @classmethod
     def of_parameters(cls, parameters: Floats) -> Self:
         """Ellipsoid of (9,) `parameters`."""
-        return cls(parameters[:3], symmetric(parameters[3:]))
+        return cls(parameters[:3], symmetric_matrix(parameters[3:]))
 
     @property
     def parameters(self) -> Floats:
         """(9,) centre, then S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃, in the order of covariances."""
-        return np.concatenate([self.centre, upper(self.shape)])
+        return np.concatenate([self.centre, upper_entries(self.shape)])
 
     def isclose(self, other: Ellipsoid, rtol: float = 1e-9) -> bool:
         """Whether both surfaces agree within `rtol` times the radius."""
@@ -120,13 +120,13 @@ class Ellipsoid:
         return f"Ellipsoid(centre=({centre}), semi_axes=({axes}))"
 
 
-def symmetric(entries: Floats) -> Floats:
+def symmetric_matrix(entries: Floats) -> Floats:
     """(3, 3) symmetric matrix from its entries 11, 22, 33, 12, 13, 23."""
     matrix: Floats = entries[SYMMETRIC_INDEX]
     return matrix
 
 
-def upper(matrix: Floats) -> Floats:
+def upper_entries(matrix: Floats) -> Floats:
     """(..., 6) entries 11, 22, 33, 12, 13, 23 of (..., 3, 3) symmetric matrices."""
     entries: Floats = matrix.reshape(*matrix.shape[:-2], 9)[..., [0, 4, 8, 1, 2, 5]]
     return entries
@@ -149,17 +149,17 @@ def sphere_through(points: Floats, origin: Floats | None = None) -> tuple[Floats
     return begin + scale * np.array(centre), scale * math.sqrt(max(rest + float(np.dot(centre, centre)), 0.0))
 
 
-def centred(readings: Floats, centre: Floats) -> Floats:
+def subtract_centre(readings: Floats, centre: Floats) -> Floats:
     """(3, N) differences of (N, 3) readings from a centre, contiguous by axis: four times faster than by row."""
     local: Floats = np.subtract(readings.T, centre[:, np.newaxis], order="C")
     return local
 
 
-def gathered(vectors: Floats, directions: Floats) -> Floats:
+def parameter_derivatives(vectors: Floats, directions: Floats) -> Floats:
     """(..., K, 9) derivatives of v·b + vᵀSu by the nine parameters of an ellipsoid, for (..., 3, K) v and u."""
     products = vectors[..., np.newaxis, :] * directions[..., np.newaxis, :, :]
     rows = np.concatenate([vectors, products.reshape(*vectors.shape[:-2], 9, -1)], axis=-2)
-    coefficients: Floats = rows.mT @ GATHER
+    coefficients: Floats = rows.mT @ PARAMETER_DERIVATIVES
     return coefficients
 
 

@@ -38,7 +38,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, Self, TypeAlias, get_args
 
 import numpy as np
 
-from flinders.errors import UsageError, counted, figures
+from flinders.errors import UsageError, count_text, figures
 from flinders.geometry.ellipsoid import Ellipsoid
 
 if TYPE_CHECKING:
@@ -51,18 +51,18 @@ Plane: TypeAlias = Literal["xy", "yz", "zx"]
 
 PLANES: Final[tuple[Plane, ...]] = get_args(Plane)
 
-IN_PLANE: Final = [0, 1, 3, 4, 6]
+PLANE_PARAMETERS: Final = [0, 1, 3, 4, 6]
 """Indices of b₁, b₂, S₁₁, S₂₂, S₁₂ among the nine parameters, which readings in the plane ``xy`` determine."""
 
 
-def order_of(plane: Plane) -> tuple[int, int, int]:
+def axis_order(plane: Plane) -> tuple[int, int, int]:
     """Indices of the first and second axis of a plane, and of the axis of the turn.
 
     Raises `UsageError` for an unknown plane.
 
     Examples
     --------
-    >>> order_of("xy"), order_of("zx")
+    >>> axis_order("xy"), axis_order("zx")
     ((0, 1, 2), (2, 0, 1))
     """
     if plane not in PLANES:
@@ -71,22 +71,22 @@ def order_of(plane: Plane) -> tuple[int, int, int]:
     return first, (first + 1) % 3, (first + 2) % 3
 
 
-def across(plane: Plane) -> str:
+def turn_axis(plane: Plane) -> str:
     """Name of the axis of a turn in a plane.
 
-    >>> across("zx")
+    >>> turn_axis("zx")
     'y'
     """
-    return "xyz"[order_of(plane)[2]]
+    return "xyz"[axis_order(plane)[2]]
 
 
-def down_of(plane: Plane | None) -> Floats | None:
+def down_direction(plane: Plane | None) -> Floats | None:
     """(3,) down direction of a sensor that turns in a horizontal plane; None for +z.
 
-    >>> down_of("yz"), down_of("xy")
+    >>> down_direction("yz"), down_direction("xy")
     (array([1., 0., 0.]), None)
     """
-    return None if plane in (None, "xy") else np.eye(3)[order_of(plane)[2]]
+    return None if plane in (None, "xy") else np.eye(3)[axis_order(plane)[2]]
 
 
 def heading_errors(readings: Floats, heading: Floats) -> tuple[Floats, float]:
@@ -129,7 +129,7 @@ class PlaneEllipse:
             scatter += centred.T @ centred + np.outer(apart, apart) * (count * len(block) / total)
             mean = mean + apart * (len(block) / total)
             count = total
-        return cls(mean, root(2.0 * scatter / max(count, 1)))
+        return cls(mean, symmetric_root(2.0 * scatter / max(count, 1)))
 
     @property
     def radius(self) -> float:
@@ -239,7 +239,7 @@ class Spacing:
     def __str__(self) -> str:
         cost = f"{figures(self.cost_deg)}°" if self.cost_deg >= 0.005 else "0.00°"
         return (
-            f"{counted(self.points, 'point')} around 360°, widest gap {self.widest_gap_deg:.0f}°; "
+            f"{count_text(self.points, 'point')} around 360°, widest gap {self.widest_gap_deg:.0f}°; "
             f"first harmonic {self.first_harmonic:.3f}, second {self.second_harmonic:.3f}: "
             f"the mean costs up to {cost} of heading"
         )
@@ -286,13 +286,13 @@ def equator(ellipsoid: Ellipsoid, plane: Plane, *, dip_deg: float) -> Ellipsoid:
     dip_deg : float, degrees
         Inclination of the field towards the axis of the turn.
     """
-    parameters = to_equator(plane, dip_deg=dip_deg) @ ellipsoid.parameters
+    parameters = equator_matrix(plane, dip_deg=dip_deg) @ ellipsoid.parameters
     return Ellipsoid.of_parameters(parameters)
 
 
-def to_equator(plane: Plane, *, dip_deg: float) -> Floats:
+def equator_matrix(plane: Plane, *, dip_deg: float) -> Floats:
     """(9, 9) matrix from the parameters of an ellipsoid to those of its `equator`; its rank is five."""
-    first, second, third = order_of(plane)
+    first, second, third = axis_order(plane)
     dip = np.deg2rad(dip_deg)
     rows = np.zeros((9, 9))
     for place in (first, second):
@@ -308,10 +308,10 @@ _ENTRY_INDEX = np.array([[3, 6, 7], [6, 4, 8], [7, 8, 5]])
 """Index of each entry of the shape among the nine parameters."""
 
 
-def root(square: Floats) -> Floats:
+def symmetric_root(square: Floats) -> Floats:
     """(2, 2) symmetric root of a symmetric matrix M in closed form, (M + √det M) / √(tr M + 2 √det M).
 
-    >>> root(np.array([[5.0, 4.0], [4.0, 5.0]])).round(9).tolist()
+    >>> symmetric_root(np.array([[5.0, 4.0], [4.0, 5.0]])).round(9).tolist()
     [[2.0, 1.0], [1.0, 2.0]]
     """
     half = np.sqrt(max(float(np.linalg.det(square)), 0.0))

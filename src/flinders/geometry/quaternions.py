@@ -3,11 +3,11 @@
 An attitude rotates from the axes of a body, forward, right, down, to north, east, down. ``product(a, b)`` is Hamilton's
 product, which applies b first and then a. A quaternion and its negative are the same attitude.
 
->>> east = of_angles([0.0, 0.0, np.pi / 2])                    # roll, pitch, yaw: level, its nose points east
->>> rotated(east, [1.0, 0.0, 0.0]).round(9)
+>>> east = from_angles([0.0, 0.0, np.pi / 2])                    # roll, pitch, yaw: level, its nose points east
+>>> rotate_vectors(east, [1.0, 0.0, 0.0]).round(9)
 array([0., 1., 0.])
->>> nose_up = of_angles([0.0, np.pi / 6, 0.0])
->>> rotated(product(east, nose_up), [1.0, 0.0, 0.0]).round(3)
+>>> nose_up = from_angles([0.0, np.pi / 6, 0.0])
+>>> rotate_vectors(product(east, nose_up), [1.0, 0.0, 0.0]).round(3)
 array([ 0.   ,  0.866, -0.5  ])
 
 Source: J. Kuipers, *Quaternions and Rotation Sequences*, 1999, for the formulas; K. Shoemake, *Animating Rotation with
@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.arrays import floats, vectors
+from flinders.arrays import check_vectors, to_floats
 from flinders.errors import ArrayError
 
 if TYPE_CHECKING:
@@ -34,18 +34,18 @@ LINEAR_ANGLE_RAD: Final = 1e-6
 """Half of the angle between two attitudes, in rad, below which they are interpolated linearly."""
 
 
-def attitudes(values: ArrayLike) -> Floats:
+def check_attitudes(values: ArrayLike) -> Floats:
     """Check (..., 4) quaternions and normalise them; NaN if a component is missing.
 
     Raises `ArrayError` for a wrong shape, or a length that is not 1 to within a hundredth.
 
     Examples
     --------
-    >>> attitudes([[1.0, 0.0, 0.0, 0.0], [np.nan, 0.0, 0.0, 1.0]])
+    >>> check_attitudes([[1.0, 0.0, 0.0, 0.0], [np.nan, 0.0, 0.0, 1.0]])
     array([[ 1.,  0.,  0.,  0.],
            [nan, nan, nan, nan]])
     """
-    array = floats(values, "attitude")
+    array = to_floats(values, "attitude")
     if array.ndim == 0 or array.shape[-1] != 4:
         raise ArrayError(f"attitude has shape {array.shape}: need (..., 4), one quaternion w, x, y, z a reading")
     length = np.linalg.norm(array, axis=-1, keepdims=True)
@@ -60,10 +60,10 @@ def attitudes(values: ArrayLike) -> Floats:
     return unit
 
 
-def known(values: Floats) -> Floats:
+def valid_attitudes(values: Floats) -> Floats:
     """(N, 4) quaternions of a log, normalised; NaN if the length is not 1 to within a hundredth.
 
-    >>> known(np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]]))
+    >>> valid_attitudes(np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]]))
     array([[ 1.,  0.,  0.,  0.],
            [nan, nan, nan, nan]])
     """
@@ -83,24 +83,24 @@ def product(left: Floats, right: Floats) -> Floats:
 def inverse(attitude: Floats) -> Floats:
     """(..., 4) inverse attitude.
 
-    >>> product(inverse(of_angles([0.1, 0.2, 0.3])), of_angles([0.1, 0.2, 0.3])).round(12) + 0.0
+    >>> product(inverse(from_angles([0.1, 0.2, 0.3])), from_angles([0.1, 0.2, 0.3])).round(12) + 0.0
     array([1., 0., 0., 0.])
     """
     back: Floats = attitude * np.array([1.0, -1.0, -1.0, -1.0])
     return back
 
 
-def rotated(attitude: Floats, vector: ArrayLike) -> Floats:
+def rotate_vectors(attitude: Floats, vector: ArrayLike) -> Floats:
     """Rotate (..., 3) vectors by (..., 4) unit quaternions: v + 2 w (u × v) + 2 u × (u × v), u = (x, y, z)."""
-    v, u = vectors(vector, "vector", finite=False), attitude[..., 1:]
+    v, u = check_vectors(vector, "vector", finite=False), attitude[..., 1:]
     twice = 2.0 * np.cross(u, v)
     turned: Floats = v + attitude[..., :1] * twice + np.cross(u, twice)
     return turned
 
 
-def of_angles(angles: ArrayLike) -> Floats:
+def from_angles(angles: ArrayLike) -> Floats:
     """(..., 4) attitudes of (..., 3) roll, pitch and yaw in rad: R_z(yaw) R_y(pitch) R_x(roll)."""
-    half = vectors(angles, "angles", finite=False) / 2.0
+    half = check_vectors(angles, "angles", finite=False) / 2.0
     with np.errstate(invalid="ignore"):
         (cr, cp, cy), (sr, sp, sy) = np.moveaxis(np.cos(half), -1, 0), np.moveaxis(np.sin(half), -1, 0)
     return np.stack(
@@ -114,12 +114,12 @@ def of_angles(angles: ArrayLike) -> Floats:
     )
 
 
-def of_matrix(matrix: Floats) -> Floats:
+def from_matrix(matrix: Floats) -> Floats:
     """(..., 4) quaternions of (..., 3, 3) rotations, with w ≥ 0.
 
     The largest of w, x, y, z is computed first, which avoids division by a small number (Shepperd 1978).
 
-    >>> of_matrix(np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])).round(4)
+    >>> from_matrix(np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])).round(4)
     array([0.7071, 0.    , 0.    , 0.7071])
     """
     x, y, z = np.moveaxis(np.diagonal(matrix, axis1=-2, axis2=-1), -1, 0)
@@ -139,7 +139,7 @@ def of_matrix(matrix: Floats) -> Floats:
     return np.where(unit[..., :1] < 0, -unit, unit)
 
 
-def between(first: Floats, second: Floats, share: Floats) -> Floats:
+def interpolate_attitudes(first: Floats, second: Floats, share: Floats) -> Floats:
     """(N, 4) attitudes interpolated on the shortest rotation between two, at a constant rate (slerp).
 
     (sin((1 − s)θ) q₀ + sin(sθ) q₁) / sin θ with θ half of the angle between the two attitudes.
@@ -153,8 +153,8 @@ def between(first: Floats, second: Floats, share: Floats) -> Floats:
 
     Examples
     --------
-    >>> level, over = of_angles([[0.0, 0.0, 0.0]]), of_angles([[1.0, 0.0, 0.0]])
-    >>> np.allclose(between(level, -over, np.array([0.3])), of_angles([[0.3, 0.0, 0.0]]))
+    >>> level, over = from_angles([[0.0, 0.0, 0.0]]), from_angles([[1.0, 0.0, 0.0]])
+    >>> np.allclose(interpolate_attitudes(level, -over, np.array([0.3])), from_angles([[0.3, 0.0, 0.0]]))
     True
     """
     cosine = np.sum(first * second, axis=1)

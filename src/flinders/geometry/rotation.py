@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.geometry.quaternions import of_matrix
+from flinders.geometry.quaternions import from_matrix
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -23,10 +23,10 @@ MAX_HALF_TURN_TRACE: Final = -0.999
 """Trace of a rotation below which its axis is computed from its quaternion, because R − Rᵀ vanishes."""
 
 
-def in_pieces(array: Floats, axes: int = 1) -> Floats:
+def make_contiguous(array: Floats, axes: int = 1) -> Floats:
     """Copy an array so that each entry of its last `axes` axes is contiguous over the readings, for fast sums.
 
-    >>> in_pieces(np.zeros((500, 3))).strides
+    >>> make_contiguous(np.zeros((500, 3))).strides
     (8, 4000)
     """
     lead = array.ndim - axes
@@ -45,7 +45,7 @@ def vectors_of(components: Floats) -> Floats:
 
 
 def product(first: Floats, second: Floats) -> Floats:
-    """(W, n, i, k) product of (W, n, i, j) and (W, n or 1, j, k) matrices in the memory layout of `in_pieces`.
+    """(W, n, i, k) product of (W, n, i, j) and (W, n or 1, j, k) matrices in the memory layout of `make_contiguous`.
 
     Several times faster than ``@``.
     """
@@ -53,20 +53,20 @@ def product(first: Floats, second: Floats) -> Floats:
     return np.einsum("wnij,wnjk->wnik", first, second, out=np.moveaxis(pieces, (0, 1), (2, 3)))
 
 
-def transformed(matrix: Floats, vectors: Floats) -> Floats:
-    """(..., 3) product of one (3, 3) matrix and (..., 3) vectors in the memory layout of `in_pieces`.
+def transform_vectors(matrix: Floats, vectors: Floats) -> Floats:
+    """(..., 3) product of one (3, 3) matrix and (..., 3) vectors in the memory layout of `make_contiguous`.
 
     Several times faster than ``@``.
 
-    >>> transformed(np.diag([1.0, 2.0, 3.0]), np.ones((4, 1, 3)))[3, 0]
+    >>> transform_vectors(np.diag([1.0, 2.0, 3.0]), np.ones((4, 1, 3)))[3, 0]
     array([1., 2., 3.])
     """
     pieces = components(vectors)
     return vectors_of((matrix @ pieces.reshape(3, -1)).reshape(pieces.shape))
 
 
-def applied(matrices: Floats, vectors: Floats) -> Floats:
-    """(W, n, i) product of (W, n, i, j) matrices and (W, n or 1, j) vectors in the memory layout of `in_pieces`."""
+def apply_matrices(matrices: Floats, vectors: Floats) -> Floats:
+    """(W, n, i) product of (W, n, i, j) matrices and (W, n or 1, j) vectors in the memory layout of `make_contiguous`."""
     return product(matrices, vectors[..., np.newaxis])[..., 0]
 
 
@@ -107,7 +107,7 @@ def rotation_vectors(matrices: Floats) -> Floats:
     vectors: Floats = twice * factor[..., np.newaxis]
     is_large = trace < MAX_HALF_TURN_TRACE
     if np.any(is_large):
-        quaternion = of_matrix(matrices[is_large])
+        quaternion = from_matrix(matrices[is_large])
         half = np.arccos(np.clip(quaternion[..., :1], -1.0, 1.0))
         vectors[is_large] = 2.0 * half / np.sin(half) * quaternion[..., 1:]
     return vectors
@@ -130,10 +130,10 @@ def cross_matrices(vectors: Floats) -> Floats:
     return np.moveaxis(crossed, (0, 1), (-2, -1))
 
 
-def across(directions: Floats) -> Floats:
+def perpendicular_vectors(directions: Floats) -> Floats:
     """(..., 3, 2) two unit vectors perpendicular to each other and to (..., 3) directions.
 
-    >>> bool(np.allclose(np.array([[0.6, 0.0, 0.8]]) @ across(np.array([[0.6, 0.0, 0.8]]))[0], 0.0))
+    >>> bool(np.allclose(np.array([[0.6, 0.0, 0.8]]) @ perpendicular_vectors(np.array([[0.6, 0.0, 0.8]]))[0], 0.0))
     True
     """
     pieces = components(directions)
@@ -152,9 +152,9 @@ def _cross_into(crossed: Floats, first: Floats, second: Floats) -> None:
         np.subtract(first[j] * second[k], first[k] * second[j], out=crossed[i, ...])
 
 
-def on_the_sphere(directions: Floats, steps: Floats) -> Floats:
-    """(..., 3) unit vectors after (..., 2) steps along `across` from (..., 3) directions."""
-    ways = across(directions)
+def step_on_sphere(directions: Floats, steps: Floats) -> Floats:
+    """(..., 3) unit vectors after (..., 2) steps along `perpendicular_vectors` from (..., 3) directions."""
+    ways = perpendicular_vectors(directions)
     moved = ways[..., 0] * steps[..., :1] + ways[..., 1] * steps[..., 1:] + directions
     unit: Floats = moved / lengths(moved)[..., np.newaxis]
     return unit

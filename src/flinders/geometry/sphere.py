@@ -7,9 +7,9 @@ direction is in exactly one tile.
 
 >>> tiles().centres.shape, [len(corners) for corners in tiles().polygons()].count(5)
 ((642, 3), 12)
->>> tile_of(tiles().centres[[7, 400]])
+>>> tile_indices(tiles().centres[[7, 400]])
 array([  7, 400])
->>> tile_of([[0.0, 0.0, 1.0]]) == tile_of([[0.0, 0.0, 50.0]])             # lengths do not matter
+>>> tile_indices([[0.0, 0.0, 1.0]]) == tile_indices([[0.0, 0.0, 50.0]])             # lengths do not matter
 array([ True])
 
 Hexagons are within 8 % of the mean area, pentagons 18 % smaller (`tests/laws/test_tile_laws.py`).
@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.arrays import table
+from flinders.arrays import check_table
 
 if TYPE_CHECKING:
     from numpy.random import Generator
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
 
-COUNT: Final = 642
+TILE_COUNT: Final = 642
 """Number of tiles."""
 BISECTIONS: Final = 3
 """Bisections of the icosahedron's edges."""
@@ -78,12 +78,12 @@ def tiles() -> Tiles:
     return Tiles(centres, corners)
 
 
-def tile_of(directions: ArrayLike) -> NDArray[np.intp]:
+def tile_indices(directions: ArrayLike) -> NDArray[np.intp]:
     """(N,) index of the tile of each of (N, 3) directions of any length.
 
     Raises `ArrayError` for another shape, or values that are not finite.
     """
-    vectors = table(directions)
+    vectors = check_table(directions)
     centres = tiles().centres.T.astype(np.float32)
     tile = np.empty(len(vectors), np.intp)
     for start in range(0, len(vectors), BLOCK_DIRECTIONS):
@@ -93,7 +93,7 @@ def tile_of(directions: ArrayLike) -> NDArray[np.intp]:
     return tile
 
 
-def around_z(z: Floats, longitude: Floats) -> Floats:
+def from_longitudes(z: Floats, longitude: Floats) -> Floats:
     """(N, 3) unit vectors with (N,) z components and (N,) longitudes in rad."""
     across = np.sqrt(1 - z * z)
     return np.stack([across * np.cos(longitude), across * np.sin(longitude), z], axis=1)
@@ -111,13 +111,13 @@ def fibonacci(n: int) -> Floats:
     steps: Floats = np.arange(n, dtype=np.float64) + 0.5
     z = 1 - 2 * steps / n
     longitude: Floats = np.pi * (1 + 5**0.5) * steps  # the golden angle, but for full turns
-    return around_z(z, longitude)
+    return from_longitudes(z, longitude)
 
 
-def uniform(rng: Generator, n: int) -> Floats:
+def uniform_directions(rng: Generator, n: int) -> Floats:
     """(n, 3) random directions, uniform over the sphere.
 
-    >>> bool(np.abs(uniform(np.random.default_rng(0), 10_000).mean(axis=0)).max() < 0.02)
+    >>> bool(np.abs(uniform_directions(np.random.default_rng(0), 10_000).mean(axis=0)).max() < 0.02)
     True
     """
     vector = rng.standard_normal((n, 3))
@@ -131,7 +131,7 @@ def hemisphere(rng: Generator, n: int) -> Floats:
     >>> bool(hemisphere(np.random.default_rng(0), 1000)[:, 2].min() >= 0)
     True
     """
-    directions = uniform(rng, n)
+    directions = uniform_directions(rng, n)
     directions[:, 2] = np.abs(directions[:, 2])
     return directions
 
@@ -143,8 +143,8 @@ def clump(rng: Generator, n: int, *, half_angle_deg: float = 3.0) -> Floats:
     >>> bool(np.degrees(np.arccos((close @ close.T).min())) < 6)
     True
     """
-    pole = uniform(rng, 1)[0]
-    cap = around_z(rng.uniform(math.cos(math.radians(half_angle_deg)), 1, n), rng.uniform(0, 2 * np.pi, n))
+    pole = uniform_directions(rng, 1)[0]
+    cap = from_longitudes(rng.uniform(math.cos(math.radians(half_angle_deg)), 1, n), rng.uniform(0, 2 * np.pi, n))
     aside = np.array([1.0, 0.0, 0.0]) if abs(pole[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
     east = np.cross(pole, aside)
     east /= np.linalg.norm(east)
@@ -152,14 +152,14 @@ def clump(rng: Generator, n: int, *, half_angle_deg: float = 3.0) -> Floats:
     return turned
 
 
-def clumped(rng: Generator, n: int, *, share: float = 0.6) -> Floats:
+def clumped_directions(rng: Generator, n: int, *, share: float = 0.6) -> Floats:
     """(n, 3) random directions: first uniform ones, then a `share` of all in one `clump`.
 
-    >>> bool(clumped(np.random.default_rng(0), 10)[-6:].std(axis=0).max() < 0.05)
+    >>> bool(clumped_directions(np.random.default_rng(0), 10)[-6:].std(axis=0).max() < 0.05)
     True
     """
     together = round(n * share)
-    return np.concatenate([uniform(rng, n - together), clump(rng, together)])
+    return np.concatenate([uniform_directions(rng, n - together), clump(rng, together)])
 
 
 def icosahedron() -> tuple[Floats, NDArray[np.intp]]:

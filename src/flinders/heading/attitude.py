@@ -22,8 +22,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.arrays import vectors
-from flinders.geometry.angles import wrapped
+from flinders.arrays import check_vectors
+from flinders.geometry.angles import wrap_360
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -197,7 +197,7 @@ def tilt_error_deg(field: ArrayLike, specific_force: ArrayLike, *, own_deg: floa
 
 def _unit(values: ArrayLike, name: str) -> Floats:
     """Vectors of length one; NaN for vectors without length."""
-    array = vectors(values, name, finite=False)
+    array = check_vectors(values, name, finite=False)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         scaled = array / np.abs(array).max(axis=-1, keepdims=True, initial=0.0)
         unit: Floats = scaled / np.linalg.norm(scaled, axis=-1, keepdims=True)
@@ -220,4 +220,4 @@ def _heading(east: Floats, north: Floats, horizontal: Floats) -> Floats:
     """Angle of a horizontal vector in degrees; NaN if the vector or the horizontal field is too short."""
     heading = np.rad2deg(np.arctan2(east, north))
     is_known = (horizontal > MIN_SINE) & (np.hypot(east, north) > MIN_SINE * horizontal)
-    return wrapped(np.where(is_known, heading, np.nan))
+    return wrap_360(np.where(is_known, heading, np.nan))

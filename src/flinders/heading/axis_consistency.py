@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.arrays import table
-from flinders.core.axes import EXCHANGES, Axes
+from flinders.arrays import check_table
+from flinders.core.axes import SIGNED_PERMUTATIONS, Axes
 from flinders.errors import InputError
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ MIN_READINGS: Final = 100
 MAX_GRAVITY_DEVIATION: Final = 0.1
 """Largest difference of an acceleration's length from gravity, as a share, for a sensor at rest."""
 
-WANDERS: Final = 0.15
+MIN_DOUBTED_SCATTER: Final = 0.15
 """Smallest scatter of sin I at which the axes are doubted: a full tumble with wrong axes gives about 0.4 to 0.6."""
 
 MIN_FOREIGN_SCATTER: Final = 0.3
@@ -65,11 +65,11 @@ def _change_count(axes: Axes) -> int:
     return 2 * sum(index != place for place, index in enumerate(axes.order)) + sum(sign < 0 for sign in axes.signs)
 
 
-OPPOSITE: Final = "-x,-y,-z"
+ALL_NEGATED: Final = "-x,-y,-z"
 """Axes that turn gravity into specific force."""
 
-EVERY: Final = tuple(
-    sorted(EXCHANGES, key=lambda axes: (axes.is_mirror and str(axes) != OPPOSITE, _change_count(axes)))
+ALL_AXES: Final = tuple(
+    sorted(SIGNED_PERMUTATIONS, key=lambda axes: (axes.is_mirror and str(axes) != ALL_NEGATED, _change_count(axes)))
 )
 """All 48 ways to exchange axes and signs, in the order of increasing change; a rotation before its mirror image."""
 
@@ -109,10 +109,10 @@ class Frames:
             Length of the specific force at rest, in its own unit; by default its median. Readings that differ from it
             by more than a tenth are left out, as the sensor was shaken.
         """
-        m, f = table(field, finite=False), table(specific_force, "specific_force", finite=False)
+        m, f = check_table(field, finite=False), check_table(specific_force, "specific_force", finite=False)
         with np.errstate(over="ignore", invalid="ignore"):
             length, strength = np.linalg.norm(f, axis=1), np.linalg.norm(m, axis=1)
-            usual = (usual_length(f) if gravity is None else gravity) or 0.0
+            usual = (median_length(f) if gravity is None else gravity) or 0.0
             still = (np.abs(length - usual) <= MAX_GRAVITY_DEVIATION * usual) & (length > 0.0) & (strength > 0.0)
         m, f = m[still] / strength[still, np.newaxis], f[still] / length[still, np.newaxis]
         products = (m[:, :, np.newaxis] * f[:, np.newaxis, :]).reshape(-1, 9)
@@ -125,7 +125,7 @@ class Frames:
             return self
         return Frames(self.readings + other.readings, self.total + other.total, self.squares + other.squares)
 
-    def dip(self, axes: Axes = EVERY[0]) -> tuple[float, float]:
+    def dip(self, axes: Axes = ALL_AXES[0]) -> tuple[float, float]:
         """Mean and scatter of sin I for given axes of the acceleration; NaN without readings.
 
         sin I = −m · P f is linear in the products m_i f_j.
@@ -146,24 +146,25 @@ class Frames:
     def _in_degrees(self, mean: float, scatter: float) -> float:
         return float(np.rad2deg(scatter / max((1.0 - mean**2) ** 0.5, scatter, 1e-9)))
 
-    def fitting(self, sign: float = 0.0, *, applied: Axes = EVERY[0]) -> tuple[Axes, ...]:
+    def fitting(self, sign: float = 0.0, *, applied: Axes = ALL_AXES[0]) -> tuple[Axes, ...]:
         """Axes of the acceleration that match the field, in the order of increasing change; one if it is unambiguous.
 
         `sign` is that of the site's dip; if it is 0, unknown, right-handed axes are assumed. If undoing the mapping
         `applied` to the acceleration before matches, right-handed or not, that comes first.
         """
-        seen = [(axes, *self.dip(axes)) for axes in EVERY]
-        back = next(axes for axes in EVERY if after(axes, applied) == EVERY[0])
+        seen = [(axes, *self.dip(axes)) for axes in ALL_AXES]
+        back = next(axes for axes in ALL_AXES if composed_axes(axes, applied) == ALL_AXES[0])
         allowed = [one for one in seen if (one[1] * sign > 0.0 if sign else not one[0].is_mirror or one[0] == back)]
         if not allowed:
             return ()
         limit = max(
-            MAX_TIED_RATIO * min(scatter for _, _, scatter in allowed), WANDERS / MIN_SCATTER_RATIO / MAX_TIED_RATIO
+            MAX_TIED_RATIO * min(scatter for _, _, scatter in allowed),
+            MIN_DOUBTED_SCATTER / MIN_SCATTER_RATIO / MAX_TIED_RATIO,
         )
         fits = [axes for axes, _, scatter in allowed if scatter <= limit]
         if back not in fits:
             return tuple(fits)
-        turned_over = after(Axes.of(OPPOSITE), back)  # matches as well, and is the same attitude
+        turned_over = composed_axes(Axes.of(ALL_NEGATED), back)  # matches as well, and is the same attitude
         return (back, *(axes for axes in fits if axes not in (back, turned_over)))
 
     @property
@@ -171,7 +172,7 @@ class Frames:
         """Whether the dip scatters as with an accelerometer that is constant or of another body."""
         return self.readings >= MIN_READINGS and self.dip()[1] > MIN_FOREIGN_SCATTER
 
-    def refuse_foreign(self, *, site_dip_deg: float | None = None, applied: Axes = EVERY[0]) -> None:
+    def refuse_foreign(self, *, site_dip_deg: float | None = None, applied: Axes = ALL_AXES[0]) -> None:
         """Raise `ForeignAxes` if the axes of both sensors clearly differ, with the axes that match.
 
         The sign of `site_dip_deg`, the inclination at the site, distinguishes specific force from gravity. The
@@ -185,8 +186,8 @@ class Frames:
         upended = mean * sign < 0.0 and abs(mean) > max(MIN_SIGNED_SINE, scatter)
         fitting = self.fitting(sign, applied=applied)
         best = self.dip(fitting[0])[1] if fitting else scatter
-        wanders = scatter > WANDERS and best < scatter / MIN_SCATTER_RATIO
-        if not (fitting and fitting[0] != EVERY[0] and (upended or wanders)):
+        wanders = scatter > MIN_DOUBTED_SCATTER and best < scatter / MIN_SCATTER_RATIO
+        if not (fitting and fitting[0] != ALL_AXES[0] and (upended or wanders)):
             return
         scatter_deg = self._in_degrees(mean, scatter)
         evidence = (
@@ -194,17 +195,17 @@ class Frames:
             if wanders
             else f"the measured dip is {self.dip_deg[0]:.0f}°, that of the site is {site_dip_deg:.0f}°"
         )
-        advice, hint = _advice([after(axes, applied) for axes in fitting])
+        advice, hint = _advice([composed_axes(axes, applied) for axes in fitting])
         raise ForeignAxes(
             f"accelerometer and magnetometer have different axes: {evidence}; {advice}",
-            axes=after(fitting[0], applied),
+            axes=composed_axes(fitting[0], applied),
             hint=hint,
             scatter_deg=scatter_deg,
             fitting_deg=self._in_degrees(self.dip(fitting[0])[0], best),
         )
 
 
-def usual_length(force: Floats) -> float | None:
+def median_length(force: Floats) -> float | None:
     """Median length of the finite ones of (N, 3) vectors; None if none is finite."""
     with np.errstate(over="ignore", invalid="ignore"):
         length = np.linalg.norm(force, axis=1)
@@ -221,11 +222,11 @@ def _advice(fitting: Sequence[Axes]) -> tuple[str, Hint]:
     ('its x and y are swapped, and its z has the wrong sign: map its axes', {'acceleration_axes': 'y,x,-z'})
     """
     mistake, *others = fitting
-    hint: dict[str, object] = {"acceleration_axes": None if mistake == EVERY[0] else str(mistake)}
+    hint: dict[str, object] = {"acceleration_axes": None if mistake == ALL_AXES[0] else str(mistake)}
     advice = "the axes as recorded match: leave their mapping out"
-    if mistake != EVERY[0]:
+    if mistake != ALL_AXES[0]:
         advice = f"{_difference_words(mistake)}: map its axes"
-    if mistake.is_mirror and str(mistake) != OPPOSITE:
+    if mistake.is_mirror and str(mistake) != ALL_NEGATED:
         advice += "; one of the two is left-handed: if it is the magnetometer, map its axes and calibrate again"
         hint["axes"] = None
     if others:
@@ -259,7 +260,7 @@ def _difference_words(axes: Axes) -> str:
     return ", and ".join(parts)
 
 
-def after(axes: Axes, applied: Axes) -> Axes:
+def composed_axes(axes: Axes, applied: Axes) -> Axes:
     """The mapping that equals `applied` followed by `axes`."""
     order = tuple(applied.order[index] for index in axes.order)
     signs = tuple(sign * applied.signs[index] for index, sign in zip(axes.order, axes.signs, strict=True))

@@ -20,9 +20,9 @@ import numpy as np
 
 from flinders.core.axes import Axes
 from flinders.errors import NoAccelerometer, UsageError
-from flinders.geometry.angles import wrapped
+from flinders.geometry.angles import wrap_360
 from flinders.heading.attitude import FORMULAS, dip_deg, level_heading_deg, roll_pitch_deg
-from flinders.heading.axis_consistency import Frames, usual_length
+from flinders.heading.axis_consistency import Frames, median_length
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -59,7 +59,7 @@ class Headings:
         return len(self.magnetic_deg)
 
     @classmethod
-    def joined(cls, blocks: Sequence[Headings]) -> Headings:
+    def concatenate(cls, blocks: Sequence[Headings]) -> Headings:
         """Concatenate headings of consecutive blocks of one recording."""
         named = [block.columns() for block in blocks] or [{}]
         columns = {name: np.concatenate([each[name] for each in named]) for name in named[0]}
@@ -145,7 +145,7 @@ class Compass:
         if self.acceleration_bias is not None:
             gravity = self.gravity
             if gravity is None:
-                gravity = usual_length(read) or 0.0
+                gravity = median_length(read) or 0.0
             read = read - self.acceleration_bias * (gravity / STANDARD_GRAVITY)
         force: Floats = read if self.acceleration_matrix is None else read @ self.acceleration_matrix.T
         return force
@@ -153,12 +153,12 @@ class Compass:
     def _from_north(self, magnetic: Floats) -> tuple[Floats | None, Floats | None]:
         """Headings from true and from grid north; None if unknown."""
         known = (self.declination_deg, self.grid_declination_deg)
-        true, grid = (None if angle is None else wrapped(magnetic + angle) for angle in known)
+        true, grid = (None if angle is None else wrap_360(magnetic + angle) for angle in known)
         return true, grid
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Voyage:
+class HeadingSums:
     """Statistics of a stretch of headings, as sums that add."""
 
     readings: int = 0  # count of corrected readings
@@ -179,8 +179,8 @@ class Voyage:
             tilts = np.bincount(np.round(angles).astype(int), minlength=181).astype(float)
         return cls(len(headings), without, headings.accelerated, headings.frames, tilts)
 
-    def __add__(self, other: Voyage) -> Voyage:
-        return Voyage(
+    def __add__(self, other: HeadingSums) -> HeadingSums:
+        return HeadingSums(
             self.readings + other.readings,
             self.without_heading + other.without_heading,
             self.accelerated + other.accelerated,

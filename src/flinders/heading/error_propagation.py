@@ -39,7 +39,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Self
 import numpy as np
 
 from flinders.errors import UsageError
-from flinders.geometry.ellipsoid import Ellipsoid, gathered
+from flinders.geometry.ellipsoid import Ellipsoid, parameter_derivatives
 from flinders.geometry.sphere import fibonacci
 from flinders.native.engine import engine
 
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 HEADINGS: Final = 72
-STEEPEST_DIP_DEG: Final = 89.0
+MAX_DIP_DEG: Final = 89.0
 
 _SPHERE_DIRECTIONS: Final = fibonacci(400)
 
@@ -80,7 +80,7 @@ class HeadingError:
     dip_deg: float  #: dip of the field for these errors, positive if the field points along +z
     tilt_deg: float = 0.0  #: angle by which the vehicle is rolled or pitched, in any direction; 0 if level
 
-    def combined(self, angle_deg: float) -> HeadingError:
+    def add_independent(self, angle_deg: float) -> HeadingError:
         """Add an independent error of each heading."""
         rms, worst = math.hypot(self.rms, angle_deg), math.hypot(self.worst, angle_deg)
         return HeadingError(rms, worst, self.dip_deg, self.tilt_deg)
@@ -126,7 +126,7 @@ def level_gradients(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0, down: Floats
     Raises `UsageError` within a degree of the magnetic poles.
     """
     across, directions = level_fields(dip_deg, down)
-    gradient = gathered(np.linalg.solve(ellipsoid.shape, across), directions)
+    gradient = parameter_derivatives(np.linalg.solve(ellipsoid.shape, across), directions)
     gradient -= gradient.mean(axis=0)
     return gradient
 
@@ -307,7 +307,7 @@ def _body_gradients(ellipsoid: Ellipsoid, rotation: Floats, dip_deg: float, down
     """(72, 12) derivatives of the heading of a level body by (b, S) and by its rotation, up to the sign."""
     across, directions = level_fields(dip_deg, down)
     vectors = np.linalg.solve(ellipsoid.shape, rotation.T @ across)
-    own = gathered(vectors, rotation.T @ directions)
+    own = parameter_derivatives(vectors, rotation.T @ directions)
     return np.concatenate([own, np.cross(directions, across, axis=0).T], axis=1)
 
 
@@ -369,8 +369,8 @@ def _turn_at(dip_deg: float) -> tuple[Floats, Floats, Floats]:
 
 def require_headings(dip_deg: float) -> None:
     """Raise `UsageError` within a degree of the magnetic poles, where there is no heading."""
-    if not abs(dip_deg) <= STEEPEST_DIP_DEG:
-        raise UsageError(f"dip is {dip_deg:g}°: need −{STEEPEST_DIP_DEG:g}° to {STEEPEST_DIP_DEG:g}°")
+    if not abs(dip_deg) <= MAX_DIP_DEG:
+        raise UsageError(f"dip is {dip_deg:g}°: need −{MAX_DIP_DEG:g}° to {MAX_DIP_DEG:g}°")
 
 
 def upright(down: Floats) -> Floats:

@@ -44,7 +44,7 @@ from flinders.findings.poses import POSE_WORDS
 from flinders.heading.error_propagation import direction_errors_deg, require_headings
 from flinders.native.engine import engine
 from flinders.native.layouts import GOAL
-from flinders.summary.coverage import CELLS
+from flinders.summary.coverage import CELL_CENTRES
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -62,7 +62,7 @@ FRAMES: Final[tuple[Frame, ...]] = ("vehicle", "sensor")
 class Guidance:
     """Error in each direction, and the direction where the next readings help most, in corrected sensor axes."""
 
-    errors_deg: Floats  # (100,) 1 σ of the direction of the field in each of `flinders.summary.coverage.CELLS`
+    errors_deg: Floats  # (100,) 1 σ of the direction of the field in each of `flinders.summary.coverage.CELL_CENTRES`
     worst_deg: float  # worst error of a level heading, or of any direction for the goal "attitude"
     direction: Floats  # (3,), one of the cells: direction of the field for the next readings
     after_deg: float  # predicted `worst_deg` after a batch there
@@ -145,10 +145,10 @@ def guide(
     """
     if goal == "heading":
         require_headings(dip_deg)
-    belief = engine().believe(ellipsoid.centre, ellipsoid.shape, covariance, noise, coverage.counts)
+    belief = engine().make_belief(ellipsoid.centre, ellipsoid.shape, covariance, noise, coverage.counts)
     advice = engine().guidance(belief, goal_row(goal, dip_deg=dip_deg, down=down), batch or 0.0)
     return Guidance(
-        errors_deg=direction_errors_deg(ellipsoid, covariance, CELLS),
+        errors_deg=direction_errors_deg(ellipsoid, covariance, CELL_CENTRES),
         worst_deg=float(advice["worst_deg"]),
         direction=advice["direction"].copy(),
         after_deg=float(advice["after_deg"]),
@@ -177,12 +177,12 @@ def reading_variance(ellipsoid: Ellipsoid, covariance: Floats, noise: float, cou
     >>> from flinders.geometry.ellipsoid import Ellipsoid
     >>> from flinders.likelihood import magnitude
     >>> sphere = Ellipsoid(np.zeros(3), 50.0 * np.eye(3))
-    >>> jacobian = magnitude.information(CELLS, sphere)
+    >>> jacobian = magnitude.information(CELL_CENTRES, sphere)
     >>> claimed = 3.0 * 0.5**2 * np.linalg.inv(20.0 * jacobian.T @ jacobian)   # as of a third of the readings
     >>> round(reading_variance(sphere, claimed, 0.5, np.full(100, 20.0)) / 0.5**2, 6)
     3.0
     """
-    return float(engine().believe(ellipsoid.centre, ellipsoid.shape, covariance, noise, counts)["variance"])
+    return float(engine().make_belief(ellipsoid.centre, ellipsoid.shape, covariance, noise, counts)["variance"])
 
 
 @cache

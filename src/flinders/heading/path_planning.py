@@ -7,7 +7,7 @@ apart; a beam search keeps the paths with the smallest predicted worst error, an
 the target. The path is planned again after 0.25 s.
 
 In the first seconds there is no fit, and so no centre for directions. A few readings on an arc determine the centre in
-their plane, but not across it: `rough` places a sphere there, with a covariance that is large across the plane, so that
+their plane, but not across it: `rough_belief` places a sphere there, with a covariance that is large across the plane, so that
 the path leads out of the plane.
 
 >>> from flinders import simulate
@@ -25,7 +25,7 @@ An open arc gives the direction out of its plane:
 
 >>> angle = np.linspace(0.0, 2.0, 40)[:, np.newaxis]
 >>> arc = 50.0 * (np.cos(angle) * [1.0, 0.0, 0.0] + np.sin(angle) * [0.0, 1.0, 0.0]) + [10.0, 0.0, 0.0]
->>> belief = rough(arc)
+>>> belief = rough_belief(arc)
 >>> belief.ellipsoid.centre.round(6), bool(abs(plan(belief, [-0.42, 0.91, 0.0]).waypoints[0][2]) > 0.3)
 (array([10.,  0.,  0.]), True)
 
@@ -41,9 +41,9 @@ from typing import TYPE_CHECKING, Final, Protocol, Self
 
 import numpy as np
 
-from flinders.arrays import table, triple
+from flinders.arrays import check_table, check_triple
 from flinders.errors import ArrayError
-from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric_matrix, upper_entries
 from flinders.heading.error_propagation import require_headings
 from flinders.heading.guidance import goal_row, reading_variance
 from flinders.native.engine import engine
@@ -79,24 +79,24 @@ class Belief:
     ellipsoid: Ellipsoid
     covariance: Floats  # (9, 9) of (b, S), in unit²
     variance: float  # variance of the distance of a further reading from the surface, in unit²
-    is_rough: bool = False  # whether it comes from `rough`, not from a fit
+    is_rough: bool = False  # whether it comes from `rough_belief`, not from a fit
 
     @classmethod
     def of(cls, claim: UncertainEllipsoid, noise: float, coverage: Coverage) -> Self:
-        """Create a belief from the claim of a fit; for a refused fit use `rough` instead."""
+        """Create a belief from the claim of a fit; for a refused fit use `rough_belief` instead."""
         variance = reading_variance(claim.ellipsoid, claim.covariance, noise, coverage.counts)
         return cls(claim.ellipsoid, claim.covariance, variance)
 
     def direction(self, reading: ArrayLike) -> Floats:
         """(3,) direction of the corrected field of a raw reading; `ArrayError` unless it is three numbers."""
-        departure = np.linalg.solve(self.ellipsoid.shape, triple(reading, "reading") - self.ellipsoid.centre)
+        departure = np.linalg.solve(self.ellipsoid.shape, check_triple(reading, "reading") - self.ellipsoid.centre)
         direction: Floats = departure / max(float(np.linalg.norm(departure)), np.finfo(float).tiny)
         return direction
 
     def row(self) -> Records:
         """Record of the belief for the engine."""
         row = np.zeros((), dtype=BELIEF)
-        row["centre"], row["shape"] = self.ellipsoid.centre, upper(self.ellipsoid.shape)
+        row["centre"], row["shape"] = self.ellipsoid.centre, upper_entries(self.ellipsoid.shape)
         row["covariance"], row["variance"] = np.ravel(self.covariance), self.variance
         return row
 
@@ -163,7 +163,7 @@ def plan(
     return Route(start, waypoints, float(route["worst_deg"]), float(route["after_deg"]))
 
 
-def rough(readings: ArrayLike) -> Belief | None:
+def rough_belief(readings: ArrayLike) -> Belief | None:
     """Rough sphere through (N, 3) raw readings that are not sufficient for a fit; None for too few or a short arc.
 
     A linear least-squares sphere (|x|² = 2 c·x + k) in the plane, or space, over which the readings spread; along an
@@ -172,10 +172,10 @@ def rough(readings: ArrayLike) -> Belief | None:
 
     Raises `ArrayError` for another shape, or values that are not finite.
     """
-    belief = engine().rough(table(readings))
+    belief = engine().sphere_belief(check_table(readings))
     if belief is None:
         return None
-    ellipsoid = Ellipsoid(belief["centre"].copy(), symmetric(belief["shape"]))
+    ellipsoid = Ellipsoid(belief["centre"].copy(), symmetric_matrix(belief["shape"]))
     return Belief(ellipsoid, belief["covariance"].reshape(9, 9).copy(), float(belief["variance"]), is_rough=True)
 
 
@@ -206,7 +206,7 @@ TURNS: Final[dict[Frame, tuple[tuple[str, str], ...]]] = {
 
 def _unit(values: ArrayLike) -> Floats:
     """(3,) unit vector."""
-    vector = triple(values, "direction")
+    vector = check_triple(values, "direction")
     length = float(np.linalg.norm(vector))
     if length == 0.0:
         raise ArrayError("direction is zero: need three numbers, not all zero")

@@ -5,7 +5,7 @@ sensor lies inside the ellipsoid. Filters are for uses of single readings: a dis
 and methods that use extremes.
 
 >>> spiky = Samples.of([[20.0, 0, 40], [20, 1, 40], [20, 2, 400], [20, 3, 40], [20, 4, 40]])
->>> [block.field[:, 2] for block in filtered(spiky, Filter("median", 3)).blocks()]
+>>> [block.field[:, 2] for block in filter_recording(spiky, Filter("median", 3)).blocks()]
 [array([40., 40., 40., 40., 40.])]
 
 Share of the radius that remains in a uniform turn, here with 10° between readings:
@@ -25,8 +25,8 @@ from typing import TYPE_CHECKING, Final, Literal, TypeAlias, get_args
 import numpy as np
 
 from flinders.core.joining import Joined
-from flinders.core.samples import Samples, Wrapped
-from flinders.errors import UsageError, counted
+from flinders.core.samples import RecordingWrapper, Samples
+from flinders.errors import UsageError, count_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -44,7 +44,7 @@ _Vector: TypeAlias = tuple[float, float, float]
 DEFAULT_WIDTH: Final = 5
 """Width in readings by default, 0.1 s at 50 Hz."""
 
-WIDEST: Final = 999
+MAX_WIDTH: Final = 999
 """Largest width in readings; larger ones are not useful for a compass."""
 
 MIN_PAUSE_STEPS: Final = 20.0
@@ -56,7 +56,7 @@ STEPS_IN_MEAN: Final = 10
 MAX_CHI2: Final = 21.108
 """χ² with three degrees of freedom that chance exceeds with a probability of 0.01 %."""
 
-PATIENCE: Final = 3
+MAX_REJECTED: Final = 3
 """Excess of rejected over accepted readings at which the field counts as changed."""
 
 INITIAL_INNOVATIONS, SCALE_INNOVATIONS = 11, 50
@@ -117,9 +117,9 @@ class Filter:
                 f"filter {self.name!r} is not known: use {', '.join(NAMES)}, such as median:{DEFAULT_WIDTH}"
             )
         odd = self.name == "kalman" or self.width % 2 == 1
-        if not 3 <= self.width <= WIDEST or not odd:
+        if not 3 <= self.width <= MAX_WIDTH or not odd:
             need = "a whole number" if self.name == "kalman" else "an odd number"
-            raise UsageError(f"{self.name} over {counted(self.width, 'reading')}: need {need} from 3 to {WIDEST}")
+            raise UsageError(f"{self.name} over {count_text(self.width, 'reading')}: need {need} from 3 to {MAX_WIDTH}")
 
     @classmethod
     def of(cls, text: str) -> Filter:
@@ -132,7 +132,7 @@ class Filter:
             )
         return cls(name.strip().casefold(), int(number) if colon else DEFAULT_WIDTH)  # type: ignore[arg-type]  # checked there
 
-    def keeps(self, angle_deg: float) -> float:
+    def remaining_share(self, angle_deg: float) -> float:
         """Share of the radius of a circle that the filter leaves, for a uniform turn of 0 to 180° per reading.
 
         A mean of w readings leaves |sin(wθ/2) / (w sin(θ/2))|. A Kalman filter in its steady state is an exponential
@@ -173,20 +173,20 @@ class Filter:
         return f"{self.name} of {self.width} readings"
 
 
-def filtered(recording: Recording, by: Filter) -> Recording:
+def filter_recording(recording: Recording, by: Filter) -> Recording:
     """A recording with filtered readings; each of several files is filtered separately.
 
     Windows are centred, so that there is no delay, and the other columns of each reading are unchanged. Readings that a
     Kalman filter drops are left out with all their columns.
     """
     if isinstance(recording, Joined):
-        return Joined(tuple(filtered(part, by) for part in recording.recordings))
+        return Joined(tuple(filter_recording(part, by) for part in recording.recordings))
     return FilteredRecording(recording, by)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FilteredRecording(Wrapped):
-    """One recording with filtered readings, see `filtered`."""
+class FilteredRecording(RecordingWrapper):
+    """One recording with filtered readings, see `filter_recording`."""
 
     recording: Recording
     by: Filter
@@ -195,7 +195,7 @@ class FilteredRecording(Wrapped):
         """Yield filtered blocks of the recording, without dropped readings."""
         stream = self.by.start(centred=True)
         waiting: deque[Samples] = deque()
-        ready = Passed.nothing()
+        ready = FilteredReadings.nothing()
         for block in self.recording.blocks():
             waiting.append(block)
             ready = ready + stream.push(block.field, block.time)
@@ -210,14 +210,14 @@ class FilteredRecording(Wrapped):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Passed:
+class FilteredReadings:
     """Filtered readings; the value of a dropped reading is its prediction."""
 
     field: Floats  # (N, 3)
     accepted: NDArray[np.bool_]  # (N,) whether the reading was not dropped
 
     @classmethod
-    def nothing(cls) -> Passed:
+    def nothing(cls) -> FilteredReadings:
         """No readings, the identity of ``+``."""
         return cls(np.empty((0, 3)), np.empty(0, dtype=bool))
 
@@ -229,13 +229,15 @@ class Passed:
     def __len__(self) -> int:
         return len(self.field)
 
-    def __getitem__(self, rows: slice) -> Passed:
-        return Passed(self.field[rows], self.accepted[rows])
+    def __getitem__(self, rows: slice) -> FilteredReadings:
+        return FilteredReadings(self.field[rows], self.accepted[rows])
 
-    def __add__(self, other: Passed) -> Passed:
+    def __add__(self, other: FilteredReadings) -> FilteredReadings:
         if not len(other):
             return self
-        return Passed(np.concatenate([self.field, other.field]), np.concatenate([self.accepted, other.accepted]))
+        return FilteredReadings(
+            np.concatenate([self.field, other.field]), np.concatenate([self.accepted, other.accepted])
+        )
 
 
 class SmoothingStream:
@@ -256,9 +258,9 @@ class SmoothingStream:
         """Count of restarts after pauses and, by a Kalman filter, after changes of the field."""
         return self._pauses + self._run.restarts
 
-    def push(self, field: Floats, time: Floats | None = None) -> Passed:
+    def push(self, field: Floats, time: Floats | None = None) -> FilteredReadings:
         """Add (N, 3) readings with their (N,) times, and return finished ones; centred windows delay readings."""
-        through = Passed.nothing()
+        through = FilteredReadings.nothing()
         pauses = [] if time is None else self._clock.pauses(time)
         for number, (begin, end) in enumerate(pairwise([0, *pauses, len(field)])):
             if number:
@@ -268,7 +270,7 @@ class SmoothingStream:
         self.dropped += int(np.count_nonzero(~through.accepted))
         return through
 
-    def finish(self) -> Passed:
+    def finish(self) -> FilteredReadings:
         """Return the readings that waited for following ones, and reset the filter."""
         return self._run.finish()
 
@@ -306,16 +308,16 @@ class _Window:
         self._reach = by.width // 2 if centred else by.width - 1
         self._waiting, self._done = np.empty((0, 3)), 0
 
-    def push(self, field: Floats) -> Passed:
+    def push(self, field: Floats) -> FilteredReadings:
         self._waiting = np.concatenate([self._waiting, field])
         return self._filter_until(len(self._waiting) - (self._reach if self._centred else 0))
 
-    def finish(self) -> Passed:
+    def finish(self) -> FilteredReadings:
         rest = self._filter_until(len(self._waiting))
         self._waiting, self._done = np.empty((0, 3)), 0
         return rest
 
-    def _filter_until(self, end: int) -> Passed:
+    def _filter_until(self, end: int) -> FilteredReadings:
         """Filtered readings up to a row; readings that no further window needs are dropped from memory."""
         rows = np.arange(self._done, max(end, self._done))
         back = np.minimum(rows, self._reach)
@@ -332,7 +334,7 @@ class _Window:
         let_go = max(int(rows[-1]) + 1 - self._reach, 0) if len(rows) else 0
         self._done += len(rows) - let_go
         self._waiting = self._waiting[let_go:]
-        return Passed(out, np.ones(len(out), dtype=bool))
+        return FilteredReadings(out, np.ones(len(out), dtype=bool))
 
     def _middle(self, row: int, back: int, count: int) -> Floats:
         """(count, 3) mean or median of the windows of `count` rows from `row`, which begin `back` rows earlier."""
@@ -360,18 +362,18 @@ class _Kalman:
         self._beyond: list[_Vector] = []
         self._scale = _Scale()
 
-    def push(self, field: Floats) -> Passed:
+    def push(self, field: Floats) -> FilteredReadings:
         out: list[_Vector] = []
         accepted: list[bool] = []
         for x, y, z in field.tolist():
             state, follows = self._next((x, y, z))
             out.append(state)
             accepted.append(follows)
-        return Passed(np.array(out).reshape(-1, 3), np.array(accepted, dtype=bool))
+        return FilteredReadings(np.array(out).reshape(-1, 3), np.array(accepted, dtype=bool))
 
-    def finish(self) -> Passed:
+    def finish(self) -> FilteredReadings:
         self._state, self._beyond = None, []
-        return Passed.nothing()
+        return FilteredReadings.nothing()
 
     def _next(self, reading: _Vector) -> tuple[_Vector, bool]:
         """Predict, test the innovation, and accept or reject it; return the state, and whether it was accepted."""
@@ -382,7 +384,7 @@ class _Kalman:
         square = _square(innovation) / (self._variance + 1.0)
         if self._scale.is_beyond(square):
             self._beyond.append(reading)
-            is_new = len(self._beyond) == PATIENCE
+            is_new = len(self._beyond) == MAX_REJECTED
             return (self._reacquire() if is_new else self._state), is_new
         self._beyond = self._beyond[1:]  # one accepted reading cancels one rejected reading
         self._scale.add(square)

@@ -20,9 +20,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.arrays import floats
+from flinders.arrays import to_floats
 from flinders.errors import ArrayError
-from flinders.geometry.angles import folded, mean_deg, wrapped
+from flinders.geometry.angles import mean_deg, wrap_180, wrap_360
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 MAX_DEVIATION_DEG: Final = 3.0
 """Largest angle between the mean of a moment and that of its rest."""
-LEAST_READINGS: Final = 50
+MIN_REST_READINGS: Final = 50
 """Length of the shortest rest, in readings."""
 MOMENTS_PER_REST: Final = 8
 """Count of parts of the shortest rest; each is averaged, so that noise is not mistaken for motion."""
@@ -79,7 +79,7 @@ class HalfTurn:
         }
 
 
-def rests(heading_deg: ArrayLike, *, least_readings: int = LEAST_READINGS) -> tuple[Rest, ...]:
+def rests(heading_deg: ArrayLike, *, least_readings: int = MIN_REST_READINGS) -> tuple[Rest, ...]:
     """Find rests of at least `least_readings` in (N,) headings in the order of time, NaN if missing.
 
     Neighbouring rests on the same heading, with a bump between them, count as one. The first and the last moment (an
@@ -87,7 +87,7 @@ def rests(heading_deg: ArrayLike, *, least_readings: int = LEAST_READINGS) -> tu
 
     Raises `ArrayError` for anything but a list of numbers.
     """
-    headings = floats(heading_deg, "heading_deg")
+    headings = to_floats(heading_deg, "heading_deg")
     if headings.ndim != 1:
         raise ArrayError(f"heading_deg has shape {headings.shape}: need (N,), one heading per reading")
     size = max(least_readings // MOMENTS_PER_REST, 1)
@@ -117,8 +117,8 @@ def half_turns(rests: Sequence[Rest], known_deg: Sequence[float] = ()) -> tuple[
     for place, first in enumerate(rests):
         for other, second in enumerate(rests[place + 1 :], place + 1):
             turn = known_deg[other] - known_deg[place] if len(known_deg) else 180.0
-            off = float(folded(second.heading_deg - first.heading_deg - turn))
-            if abs(off) <= MAX_HALF_TURN_ERROR_DEG and abs(float(folded(turn - 180.0))) <= MAX_DEVIATION_DEG:
+            off = float(wrap_180(second.heading_deg - first.heading_deg - turn))
+            if abs(off) <= MAX_HALF_TURN_ERROR_DEG and abs(float(wrap_180(turn - 180.0))) <= MAX_DEVIATION_DEG:
                 halves.append(HalfTurn(first, second, off, float(np.hypot(first.sigma_deg, second.sigma_deg))))
                 break
     return tuple(halves)
@@ -168,7 +168,7 @@ def _rest(headings: Floats, start: int, stop: int) -> Rest:
     inside = headings[start:stop]
     inside = inside[np.isfinite(inside)]
     middle = mean_deg(inside)
-    off = folded(inside - middle)
+    off = wrap_180(inside - middle)
     parts = [float(part.mean()) for part in np.array_split(off, MOMENTS_PER_REST) if len(part)]
     sigma = float(np.std(parts, ddof=1) / len(parts) ** 0.5) if len(parts) > 1 else float("nan")
-    return Rest(start, stop, float(wrapped(middle)), float(off.std()), sigma)
+    return Rest(start, stop, float(wrap_360(middle)), float(off.std()), sigma)

@@ -19,10 +19,10 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.core.inertial import TiltError
-from flinders.geometry.ellipsoid import symmetric
-from flinders.geometry.rotation import across
+from flinders.geometry.ellipsoid import symmetric_matrix
+from flinders.geometry.rotation import perpendicular_vectors
 from flinders.geometry.sphere import fibonacci
-from flinders.likelihood.dip import by_symmetric
+from flinders.likelihood.dip import symmetric_derivatives
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -44,7 +44,7 @@ def tilt_error(errors: Floats, covariance: Floats) -> TiltError:
     covariance : (9, 9) float
         Covariance of `errors`.
     """
-    moved = turns(errors, fibonacci(ATTITUDES))
+    moved = tilt_gradients(errors, fibonacci(ATTITUDES))
     variances = np.einsum("nki,ij,nkj->n", moved, covariance, moved)
     draws = _root(covariance) @ np.random.default_rng(0).standard_normal((9, DRAWS))
     largest = np.sqrt(np.max(np.sum((moved @ draws) ** 2, axis=1), axis=0))
@@ -52,12 +52,12 @@ def tilt_error(errors: Floats, covariance: Floats) -> TiltError:
     return TiltError(*np.rad2deg([rms, worst, np.quantile(largest, PROBABILITY)]).tolist())
 
 
-def turns(errors: Floats, attitudes: Floats) -> Floats:
+def tilt_gradients(errors: Floats, attitudes: Floats) -> Floats:
     """(N, 2, 9) rad: derivatives of two components across the vertical by the errors, in (N, 3) `attitudes`."""
-    whole = np.eye(3) + symmetric(errors[3:])
-    aside = np.swapaxes(across(attitudes), 1, 2)
+    whole = np.eye(3) + symmetric_matrix(errors[3:])
+    aside = np.swapaxes(perpendicular_vectors(attitudes), 1, 2)
     felt = np.linalg.solve(whole, attitudes.T).T
-    of_matrix = by_symmetric(aside, np.repeat(felt[:, np.newaxis], 2, axis=1))
+    of_matrix = symmetric_derivatives(aside, np.repeat(felt[:, np.newaxis], 2, axis=1))
     return np.concatenate([-aside @ whole, of_matrix], axis=2)
 
 

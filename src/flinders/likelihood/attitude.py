@@ -38,8 +38,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.geometry.quaternions import rotated
-from flinders.geometry.rotation import across, product
+from flinders.geometry.quaternions import rotate_vectors
+from flinders.geometry.rotation import perpendicular_vectors, product
 from flinders.likelihood.term import Block, Term
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
 
-HUBER: Final = 3.0
+ATTITUDE_HUBER: Final = 3.0
 """Residual of an attitude, in standard deviations about an axis, from which its weight is reduced.
 
 One in a hundred normal residuals of two components is larger."""
@@ -55,11 +55,11 @@ One in a hundred normal residuals of two components is larger."""
 
 def body_to_world(attitude: Floats) -> Floats:
     """(N, 3, 3) matrices of (N, 4) attitudes, from body axes to north, east and down; NaN if not known."""
-    columns = [rotated(attitude, np.broadcast_to(axis, (len(attitude), 3))) for axis in np.eye(3)]
+    columns = [rotate_vectors(attitude, np.broadcast_to(axis, (len(attitude), 3))) for axis in np.eye(3)]
     return np.stack(columns, axis=-1)
 
 
-def fill(
+def fill_attitude(
     jacobian: Floats,
     columns: Mapping[str, slice],
     attitudes: Floats,
@@ -85,7 +85,7 @@ def fill(
         Derivative of q by the gyro's parameters.
     """
     if "direction" in columns:
-        jacobian[..., columns["direction"]] = -across(direction)[:, np.newaxis]
+        jacobian[..., columns["direction"]] = -perpendicular_vectors(direction)[:, np.newaxis]
     if moved is not None:
         jacobian[..., of_gyro] = np.swapaxes(product(attitudes, moved), 1, 2)
 

@@ -24,7 +24,7 @@ does not determine the offset along that axis.
 Source: M. Kok, T. B. Schön, IEEE Sensors J. 16 (2016), for the inclination as a parameter; the plain form is
 Σ (aᵀRm − |a||m| sin I)².
 
->>> down, trust = verticals(np.array([[0.0, 0.0, -9.8]] * 3 + [[5.0, 0.0, -9.8]]))
+>>> down, trust = accelerometer_verticals(np.array([[0.0, 0.0, -9.8]] * 3 + [[5.0, 0.0, -9.8]]))
 >>> down[0] + 0.0, trust.round(2)
 (array([0., 0., 1.]), array([1.  , 1.  , 1.  , 0.01]))
 """
@@ -36,9 +36,9 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.geometry.ellipsoid import symmetric
-from flinders.geometry.quaternions import inverse, rotated
-from flinders.geometry.rotation import components, lengths, transformed, vectors_of
+from flinders.geometry.ellipsoid import symmetric_matrix
+from flinders.geometry.quaternions import inverse, rotate_vectors
+from flinders.geometry.rotation import components, lengths, transform_vectors, vectors_of
 from flinders.likelihood.equations import NormalEquations
 from flinders.likelihood.robust import robust_sigma
 from flinders.likelihood.term import Block, Term
@@ -70,7 +70,7 @@ EXACT_SIGMA: Final = 1e-6
 """Standard deviation of a bias that is stated to be exact, relative to gravity."""
 
 
-def verticals(acceleration: Floats) -> tuple[Floats, Floats]:
+def accelerometer_verticals(acceleration: Floats) -> tuple[Floats, Floats]:
     """Verticals from an accelerometer, with their weights.
 
     `acceleration`: (N, 3) specific force in body axes, in any unit; −g on z at rest and level.
@@ -98,7 +98,7 @@ class AccelerometerPrior:
     """Prior of an accelerometer's errors."""
 
     # (9,): bias β relative to gravity, and the upper triangle of Γ in the order of
-    # `flinders.geometry.ellipsoid.symmetric`: at rest (1 + Γ)(gβ − f) points down and has the length g
+    # `flinders.geometry.ellipsoid.symmetric_matrix`: at rest (1 + Γ)(gβ − f) points down and has the length g
     mean: Floats
     precision: Floats  # (9, 9): inverse covariance
     scale: float = 1.0  # length of gravity in the recorded unit, for Γ = 0
@@ -123,7 +123,7 @@ class AccelerometerPrior:
         return NormalEquations(self.precision, self.precision @ left, float(left @ self.precision @ left), 0)
 
 
-def upright(down: Floats, errors: Floats) -> tuple[Floats, Floats]:
+def correct_verticals(down: Floats, errors: Floats) -> tuple[Floats, Floats]:
     """Correct verticals for the errors of an accelerometer.
 
     At rest w = (1 + Γ)(ρd + β) with ρ = |f|/g points down, and ρ is such that w has unit length. The result is w/ρ,
@@ -140,12 +140,12 @@ def upright(down: Floats, errors: Floats) -> tuple[Floats, Floats]:
 
     >>> reading = np.array([0.0, 0.6, 0.8]) - np.array([0.0, 0.0, 0.03])            # of an accelerometer with a bias
     >>> bias = np.array([0.0, 0.0, 0.03, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    >>> vertical, rest = upright(reading / np.linalg.norm(reading), bias)
+    >>> vertical, rest = correct_verticals(reading / np.linalg.norm(reading), bias)
     >>> (vertical * rest).round(12), bool(np.isclose(rest, np.linalg.norm(reading)))
     (array([0. , 0.6, 0.8]), True)
     """
-    whole = np.eye(3) + symmetric(errors[3:])
-    scaled, bias = transformed(whole, down), whole @ errors[:3]
+    whole = np.eye(3) + symmetric_matrix(errors[3:])
+    scaled, bias = transform_vectors(whole, down), whole @ errors[:3]
     along = np.einsum("...i,i->...", scaled, bias)
     square = np.maximum(np.einsum("...i,...i->...", scaled, scaled), MIN_REST_LENGTH**2)
     root = np.sqrt(np.maximum(along**2 + square * (1.0 - bias @ bias), MIN_REST_LENGTH**2))
@@ -154,21 +154,21 @@ def upright(down: Floats, errors: Floats) -> tuple[Floats, Floats]:
 
 
 def error_derivatives(rows: Floats, down: Floats, errors: Floats) -> Floats:
-    """(..., 9) derivative of rᵀv by the errors, for (..., 3) rows r and the verticals v of `upright`."""
-    vertical, rest = upright(down, errors)
-    whole = np.eye(3) + symmetric(errors[3:])
-    lengthened = np.einsum("...i,...i->...", vertical, transformed(whole, down))
+    """(..., 9) derivative of rᵀv by the errors, for (..., 3) rows r and the verticals v of `correct_verticals`."""
+    vertical, rest = correct_verticals(down, errors)
+    whole = np.eye(3) + symmetric_matrix(errors[3:])
+    lengthened = np.einsum("...i,...i->...", vertical, transform_vectors(whole, down))
     share = np.einsum("...i,i->...", rows, whole @ errors[:3]) / (rest * np.maximum(lengthened, MIN_REST_LENGTH))
     rows = rows + share[..., np.newaxis] * vertical  # ρ depends on the errors, too
     felt = down + vectors_of(np.divide.outer(errors[:3], rest))
-    parts = transformed(whole, rows) / rest[..., np.newaxis], by_symmetric(rows, felt)
+    parts = transform_vectors(whole, rows) / rest[..., np.newaxis], symmetric_derivatives(rows, felt)
     return vectors_of(np.concatenate([components(part) for part in parts]))
 
 
-def by_symmetric(rows: Floats, vectors: Floats) -> Floats:
+def symmetric_derivatives(rows: Floats, vectors: Floats) -> Floats:
     """(..., 6) derivative of rᵀΓx by the upper triangle of Γ, for (..., 3) rows r and vectors x.
 
-    >>> by_symmetric(np.array([1.0, 2.0, 3.0]), np.array([1.0, 1.0, 0.0]))
+    >>> symmetric_derivatives(np.array([1.0, 2.0, 3.0]), np.array([1.0, 1.0, 0.0]))
     array([1., 2., 0., 3., 3., 3.])
     """
     first, second = components(rows), components(vectors)
@@ -176,18 +176,18 @@ def by_symmetric(rows: Floats, vectors: Floats) -> Floats:
     return vectors_of(np.stack([*(first * second), *crossed]))
 
 
-def verticals_of(attitude: Floats) -> tuple[Floats, Floats]:
+def attitude_verticals(attitude: Floats) -> tuple[Floats, Floats]:
     """Verticals in body axes from (N, 4) logged attitudes, independent of yaw, with their weights 0 or 1.
 
     >>> from flinders.geometry.quaternions import of_angles
-    >>> down, _ = verticals_of(of_angles([[0.0, 0.0, 0.5], [0.0, 0.0, 2.5]]))       # level, on two headings
+    >>> down, _ = attitude_verticals(of_angles([[0.0, 0.0, 0.5], [0.0, 0.0, 2.5]]))       # level, on two headings
     >>> down.round(9) + 0.0
     array([[0., 0., 1.],
            [0., 0., 1.]])
     """
     observed = np.asarray(np.isfinite(attitude).all(axis=1))
     safe = np.where(observed[:, np.newaxis], attitude, [1.0, 0.0, 0.0, 0.0])
-    down = rotated(inverse(safe), np.broadcast_to([0.0, 0.0, 1.0], (len(attitude), 3)))
+    down = rotate_vectors(inverse(safe), np.broadcast_to([0.0, 0.0, 1.0], (len(attitude), 3)))
     return down * observed[:, np.newaxis], observed.astype(float)
 
 
@@ -197,13 +197,13 @@ def heights(down: Floats, q: Floats) -> Floats:
     return height
 
 
-def residuals(down: Floats, q: Floats, sine: float) -> Floats:
+def dip_residuals(down: Floats, q: Floats, sine: float) -> Floats:
     """(W, n) residuals |v| sin I − vᵀq, with `sine` = sin I."""
     left: Floats = sine * lengths(down) - heights(down, q)
     return left
 
 
-def fill(
+def fill_dip(
     jacobian: Floats,
     columns: Mapping[str, slice],
     recorded: Floats,
@@ -238,14 +238,14 @@ def fill(
     moved : (W, n, 3, m) float, optional
         Derivative of q by the gyro's parameters.
     """
-    down, _ = upright(recorded, errors)
+    down, _ = correct_verticals(recorded, errors)
     length = lengths(down)
     if "sine" in columns:
         jacobian[..., columns["sine"].start] = -length
     if "accelerometer" in columns:
         height = sine / np.maximum(length, 1e-300)
         raised = q - height[..., np.newaxis] * down
-        off = residuals(down, q, sine) / np.maximum(np.einsum("wni,wni->wn", raised, raised), MIN_COSINE_SQUARED)
+        off = dip_residuals(down, q, sine) / np.maximum(np.einsum("wni,wni->wn", raised, raised), MIN_COSINE_SQUARED)
         agreed = recorded + off[..., np.newaxis] * raised
         jacobian[..., columns["accelerometer"]] = error_derivatives(raised, agreed, errors)
     if moved is not None:

@@ -15,9 +15,9 @@ import numpy as np
 if TYPE_CHECKING:
     from flinders.arrays import Floats
 
-FINEST: Final = 1e-6
+MIN_NOISE: Final = 1e-6
 """Smallest standard deviation of readings, relative to the field; no sensor has a lower noise."""
-ROUNDING: Final = 1e-15
+MIN_EIGENVALUE_RATIO: Final = 1e-15
 """Smallest eigenvalue of a scaled matrix, relative to the largest, that is not rounding."""
 
 
@@ -40,7 +40,7 @@ class NormalEquations:
             self.matrix + other.matrix, self.gradient + other.gradient, self.cost + other.cost, self.count + other.count
         )
 
-    def placed(self, columns: slice, size: int) -> Self:
+    def place_block(self, columns: slice, size: int) -> Self:
         """The same equations as the block `columns` of `size` parameters."""
         matrix, gradient = np.zeros((size, size)), np.zeros(size)
         matrix[columns, columns], gradient[columns] = self.matrix, self.gradient
@@ -60,7 +60,7 @@ class NormalEquations:
         """(9, 9) covariance of θ: inverse of the matrix, without its singular directions."""
         scale = self._scale
         values, vectors = np.linalg.eigh(self.matrix / np.outer(scale, scale))
-        seen = values > ROUNDING * values[-1]
+        seen = values > MIN_EIGENVALUE_RATIO * values[-1]
         vectors = vectors[:, seen] / scale[:, np.newaxis]
         covariance: Floats = vectors / values[seen] @ vectors.T
         return covariance
@@ -69,5 +69,7 @@ class NormalEquations:
     def _scale(self) -> Floats:
         """(9,) root of the diagonal: scale in which the diagonal of the matrix is 1."""
         diagonal = np.diag(self.matrix)
-        scale: Floats = np.sqrt(np.maximum(diagonal, max(ROUNDING * float(diagonal.max()), np.finfo(float).tiny)))
+        scale: Floats = np.sqrt(
+            np.maximum(diagonal, max(MIN_EIGENVALUE_RATIO * float(diagonal.max()), np.finfo(float).tiny))
+        )
         return scale

@@ -21,7 +21,7 @@ al., IEEE Trans. Robotics 33 (2017) 1–21; the field's equation ṁ = −ω × 
 2013; scale errors of up to 3 % by data sheets of small gyros, such as InvenSense's MPU-6000.
 
 >>> quarter = np.tile([0.0, 0.0, np.pi / 2], (1, 3, 1))                      # 90°/s about z, for two seconds
->>> turned = integrated(quarter, np.ones((1, 3)), np.zeros(3))
+>>> turned = integrate_rates(quarter, np.ones((1, 3)), np.zeros(3))
 >>> (np.swapaxes(turned.rotations, 2, 3) @ [1.0, 0.0, 0.0]).round(6)[0] + 0.0
 array([[ 1.,  0.,  0.],
        [ 0., -1.,  0.],
@@ -35,8 +35,8 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.geometry.ellipsoid import symmetric
-from flinders.geometry.rotation import cross_matrices, in_pieces, product, rotations
+from flinders.geometry.ellipsoid import symmetric_matrix
+from flinders.geometry.rotation import cross_matrices, make_contiguous, product, rotations
 from flinders.likelihood.term import Block, Term
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ MIN_WINDOW_READINGS: Final = 4
 MAX_GAP_INTERVALS: Final = 3.0
 """Smallest gap, in median intervals of the readings, at which a window ends, as the motion in it is not known."""
 
-BRIDGED: Final = 3
+MAX_BRIDGED_READINGS: Final = 3
 """Largest number of consecutive missing rates that are interpolated."""
 
 BIAS_SIGMA_RADPS: Final = 0.1
@@ -72,7 +72,7 @@ MAX_FIRST_ORDER_RAD: Final = 2e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Turned:
+class WindowRotation:
     """Rotation of a body within W windows of n readings, by its gyro."""
 
     rotations: Floats  # (W, n, 3, 3): ΔR: from body axes at each reading to those at the first one of the window
@@ -83,7 +83,7 @@ class Turned:
     bias: Floats  # (3,), rad/s: bias in `rotations`
     scale: Floats  # (9,): Γ and ψ in `rotations`
 
-    def with_gyro(self, bias: Floats, scale: Floats) -> Turned:
+    def with_gyro(self, bias: Floats, scale: Floats) -> WindowRotation:
         """The rotation for other parameters of the gyro: to first order for small changes, else integrated again.
 
         `bias`: (3,) in rad/s; `scale`: (6,) Γ, or (9,) Γ and ψ.
@@ -94,7 +94,7 @@ class Turned:
         change = np.einsum("wnij,j->wni", self.by_bias, bias - self.bias)
         change += np.einsum("wnij,j->wni", self.by_scale, scale - self.scale)
         if float(np.abs(change).max(initial=0.0)) > MAX_FIRST_ORDER_RAD:
-            return integrated(self.rate, self.interval, bias, scale)
+            return integrate_rates(self.rate, self.interval, bias, scale)
         return replace(self, rotations=product(self.rotations, rotations(change)), bias=bias, scale=scale)
 
     def chunk(self, rows: slice) -> Self:
@@ -105,7 +105,7 @@ class Turned:
         )  # fmt: skip
 
 
-def integrated(rate: Floats, interval: Floats, bias: Floats, scale: Floats | None = None) -> Turned:
+def integrate_rates(rate: Floats, interval: Floats, bias: Floats, scale: Floats | None = None) -> WindowRotation:
     """Integrate rates over windows.
 
     Parameters
@@ -120,8 +120,8 @@ def integrated(rate: Floats, interval: Floats, bias: Floats, scale: Floats | Non
         Γ, or Γ and ψ; by default zero.
     """
     gamma = _scale_and_turn(np.zeros(6) if scale is None else scale)
-    larger = grown(gamma)
-    turned = in_pieces(rate - bias) * interval[..., np.newaxis]
+    larger = scale_matrix(gamma)
+    turned = make_contiguous(rate - bias) * interval[..., np.newaxis]
     along = np.moveaxis(np.empty((3, 3, *interval.shape)), (0, 1), (2, 3))
     along[:, :1], along[:, 1:] = np.eye(3), rotations(turned[:, :-1] @ larger.T)
     reach = 1
@@ -132,16 +132,16 @@ def integrated(rate: Floats, interval: Floats, bias: Floats, scale: Floats | Non
     by_bias = np.zeros_like(along)
     weighted = product(np.cumsum(along[:, 1:] * seconds, axis=1), larger[np.newaxis, np.newaxis])
     by_bias[:, 1:] = -product(np.swapaxes(along[:, 1:], 2, 3), weighted)
-    return Turned(along, by_bias, _scale_derivatives(along, turned), rate, interval, bias, gamma)
+    return WindowRotation(along, by_bias, _scale_derivatives(along, turned), rate, interval, bias, gamma)
 
 
-def grown(scale: Floats) -> Floats:
+def scale_matrix(scale: Floats) -> Floats:
     """(3, 3) matrix 1 + Γ + [ψ]× of (9,) Γ and ψ.
 
-    >>> grown(np.array([0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.02])).tolist()
+    >>> scale_matrix(np.array([0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.02])).tolist()
     [[1.1, -0.02, 0.0], [0.02, 1.0, 0.0], [0.0, 0.0, 1.0]]
     """
-    larger: Floats = np.eye(3) + symmetric(scale[:6]) + cross_matrices(scale[6:])
+    larger: Floats = np.eye(3) + symmetric_matrix(scale[:6]) + cross_matrices(scale[6:])
     return larger
 
 
@@ -163,14 +163,14 @@ def _scale_derivatives(along: Floats, turned: Floats) -> Floats:
     return product(np.swapaxes(along, 2, 3), summed)
 
 
-def bridged(time: Floats | None, rate: Floats | None) -> tuple[Floats | None, int]:
-    """(N, 3) rates with gaps of at most `BRIDGED` readings interpolated, and the number of interpolated readings.
+def bridge_gaps(time: Floats | None, rate: Floats | None) -> tuple[Floats | None, int]:
+    """(N, 3) rates with gaps of at most `MAX_BRIDGED_READINGS` readings interpolated, and the number of interpolated readings.
 
     Longer gaps stay NaN and end a window. Without times the rates are returned unchanged.
 
     >>> time, rate = np.arange(9.0), np.outer(np.arange(9.0), [1.0, 0.0, 0.0])
     >>> rate[[2, 4, 5, 6, 7]] = np.nan
-    >>> filled, count = bridged(time, rate)
+    >>> filled, count = bridge_gaps(time, rate)
     >>> filled[:, 0], count
     (array([ 0.,  1.,  2.,  3., nan, nan, nan, nan,  8.]), 1)
     """
@@ -184,13 +184,13 @@ def bridged(time: Floats | None, rate: Floats | None) -> tuple[Floats | None, in
     after = np.clip(np.searchsorted(there, rows), 1, len(there) - 1)
     before, behind = there[after - 1], there[after]
     span = time[behind] - time[before]
-    inside = ~known & (rows > before) & (rows < behind) & (behind - before <= BRIDGED + 1) & (span > 0.0)
+    inside = ~known & (rows > before) & (rows < behind) & (behind - before <= MAX_BRIDGED_READINGS + 1) & (span > 0.0)
     share = np.where(inside, (time - time[before]) / np.where(span > 0.0, span, 1.0), 0.0)[:, np.newaxis]
     filled: Floats = np.where(inside[:, np.newaxis], rate[before] * (1.0 - share) + rate[behind] * share, rate)
     return filled, int(np.count_nonzero(inside))
 
 
-def windows(time: Floats, rate: Floats, *, window_s: float = WINDOW_S) -> NDArray[np.intp]:
+def window_rows(time: Floats, rate: Floats, *, window_s: float = WINDOW_S) -> NDArray[np.intp]:
     """(W, n) indices of the readings in each window; each stretch without a gap is divided into whole windows.
 
     Parameters
@@ -203,7 +203,7 @@ def windows(time: Floats, rate: Floats, *, window_s: float = WINDOW_S) -> NDArra
         Approximate length of a window in s; a shorter recording is one window.
 
     >>> time = np.concatenate([np.arange(0.0, 1.0, 0.1), np.arange(2.0, 2.5, 0.1)])
-    >>> windows(time, np.zeros((15, 3)), window_s=0.5)
+    >>> window_rows(time, np.zeros((15, 3)), window_s=0.5)
     array([[ 0,  1,  2,  3,  4],
            [ 5,  6,  7,  8,  9],
            [10, 11, 12, 13, 14]])
@@ -221,13 +221,13 @@ def windows(time: Floats, rate: Floats, *, window_s: float = WINDOW_S) -> NDArra
     return first[:, np.newaxis] + np.arange(n)
 
 
-def columns_of(columns: Mapping[str, slice]) -> slice:
+def gyro_columns(columns: Mapping[str, slice]) -> slice:
     """Contiguous columns of the gyro's parameters, from the columns of all free blocks."""
     of_gyro = [columns[block.name] for block in TERM.blocks if block.name in columns]
     return slice(of_gyro[0].start, of_gyro[-1].stop) if of_gyro else slice(0, 0)
 
 
-def moved(turned: Turned, q: Floats, turning: Floats, columns: Mapping[str, slice]) -> Floats:
+def direction_derivatives(turned: WindowRotation, q: Floats, turning: Floats, columns: Mapping[str, slice]) -> Floats:
     """Derivative of the field's direction at each reading by bias, scales and delay of the gyro.
 
     Parameters
@@ -244,9 +244,9 @@ def moved(turned: Turned, q: Floats, turning: Floats, columns: Mapping[str, slic
     Returns
     -------
     (W, n, 3, m) float
-        In the order of `columns_of`.
+        In the order of `gyro_columns`.
     """
-    mine = columns_of(columns)
+    mine = gyro_columns(columns)
     change = np.empty((3, mine.stop - mine.start, *q.shape[:2]))
     x, y, z = np.moveaxis(q, -1, 0)
     scale, turn = turned.by_scale[..., :6], turned.by_scale[..., 6:]

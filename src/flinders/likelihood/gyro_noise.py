@@ -40,7 +40,7 @@ draws of the noise in ``tests/likelihood/test_walked.py``.
 >>> group, here = replace(ObservationGroup.of(seen), turned=turned), Parameters.at(np.zeros(3), 50.0 * np.eye(3))
 >>> layout, directions = ParameterLayout.of(), np.tile([0.6, 0.0, 0.8], (20, 1))
 >>> whole = here, directions, layout, Weights(1.0)
->>> walked = Walked.of(rows_of(group, *whole), pushes(group, here, directions, Weights(1.0)))
+>>> walked = WalkStatistics.of(rows_of(group, *whole), rotation_derivatives(group, here, directions, Weights(1.0)))
 >>> gradient = mean_gradient(walked, group, *whole)
 >>> bool(np.all(gradient[3:6] < 0.0))                                        # the bias shrinks the shape
 True
@@ -53,9 +53,15 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.geometry.rotation import across, cross_matrices, in_pieces, product
-from flinders.likelihood.gyro import grown
-from flinders.likelihood.observations import ObservationGroup, ObservationRows, Weights, inverse_of, jacobian_of
+from flinders.geometry.rotation import cross_matrices, make_contiguous, perpendicular_vectors, product
+from flinders.likelihood.gyro import scale_matrix
+from flinders.likelihood.observations import (
+    ObservationGroup,
+    ObservationRows,
+    Weights,
+    inverse_matrices,
+    weighted_jacobian,
+)
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -66,7 +72,7 @@ DIFFERENCE_STEP_RAD: Final = 1e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Walked:
+class WalkStatistics:
     """Second-order statistics of windows for a walk of 1 rad² per reading."""
 
     rows: ObservationRows  # residuals and Jacobians of the windows
@@ -80,14 +86,14 @@ class Walked:
 
     @classmethod
     def of(cls, rows: ObservationRows, pushed: Floats) -> Self:
-        """Compute the statistics from (W, k, n, …) rows and their `pushes`."""
+        """Compute the statistics from (W, k, n, …) rows and their `rotation_derivatives`."""
         own, pushes = np.swapaxes(rows.own, 1, 2), np.swapaxes(pushed, 1, 2)
         flat = rows.own.reshape(len(rows.own), -1, 2)
-        inverse = inverse_of(np.swapaxes(flat, 1, 2) @ flat)
+        inverse = inverse_matrices(np.swapaxes(flat, 1, 2) @ flat)
         products = product(np.swapaxes(own, 2, 3), pushes)
         steps = _reverse_cumsum(products).copy()
         steps[:, 0] = 0.0  # a window begins where its direction is
-        follows = in_pieces(inverse[:, np.newaxis] @ np.cumsum(steps, axis=1), 2)
+        follows = make_contiguous(inverse[:, np.newaxis] @ np.cumsum(steps, axis=1), 2)
         spread = inverse @ np.einsum("wnij,wnkj->wik", products, follows)
         return cls(rows, own, pushes, inverse, products, steps, follows, spread)
 
@@ -109,24 +115,24 @@ class Walked:
         return mean
 
 
-def pushes(group: ObservationGroup, at: Parameters, directions: Floats, weights: Weights) -> Floats:
+def rotation_derivatives(group: ObservationGroup, at: Parameters, directions: Floats, weights: Weights) -> Floats:
     """(W, k, n, 3) derivative of each residual by an earlier rotation φ, in the axes of the window's first reading."""
-    pushed = np.zeros((3, group.tall, *group.weight.shape)).transpose(2, 1, 3, 0)
+    pushed = np.zeros((3, group.residuals_per_reading, *group.weight.shape)).transpose(2, 1, 3, 0)
     turned = _rotate_back(group, cross_matrices(directions))
-    of_field = np.tensordot(at.ellipsoid_like, np.moveaxis(turned, (2, 3), (0, 1)), 1).transpose(2, 0, 3, 1)
+    of_field = np.tensordot(at.rotated_shape, np.moveaxis(turned, (2, 3), (0, 1)), 1).transpose(2, 0, 3, 1)
     pushed[:, :3] = of_field * (np.sqrt(group.weight) / weights.noise)[:, np.newaxis, :, np.newaxis]
     if group.trust is None:
         return pushed
     trust = (np.sqrt(group.trust) * weights.steepness)[..., np.newaxis]
     if group.attitudes is not None:
         pushed[:, 3:] = np.swapaxes(product(group.attitudes, turned) * trust[..., np.newaxis], 1, 2)
-    elif (down := group.upright(at)) is not None:
+    elif (down := group.corrected_verticals(at)) is not None:
         pushed[:, 3] = np.einsum("wni,wnij->wnj", down, turned) * trust
     return pushed
 
 
 def mean_gradient(
-    walk: Walked,
+    walk: WalkStatistics,
     group: ObservationGroup,
     at: Parameters,
     directions: Floats,
@@ -152,10 +158,10 @@ def mean_gradient(
     """
     gradient = _model_gradient(walk, directions) + _gyro_gradient(walk, group, at, layout)
     together = _direction_residual_covariance(walk, group, directions)
-    q, _ = group.seen(at, directions)
-    here = jacobian_of(group, at, q, layout, weights)
+    q, _ = group.rotated_directions(at, directions)
+    here = weighted_jacobian(group, at, q, layout, weights)
     for axis in range(3):
-        aside = jacobian_of(group, at, q + DIFFERENCE_STEP_RAD * np.eye(3)[axis], layout, weights)
+        aside = weighted_jacobian(group, at, q + DIFFERENCE_STEP_RAD * np.eye(3)[axis], layout, weights)
         gradient += np.einsum("wknp,wnk->p", (aside - here) / DIFFERENCE_STEP_RAD, together[:, :, axis])
     return gradient
 
@@ -165,16 +171,16 @@ def _rotate_back(group: ObservationGroup, matrices: Floats) -> Floats:
     return product(np.swapaxes(group.rotations, 2, 3), matrices[:, np.newaxis])
 
 
-def _direction_residual_covariance(walk: Walked, group: ObservationGroup, directions: Floats) -> Floats:
+def _direction_residual_covariance(walk: WalkStatistics, group: ObservationGroup, directions: Floats) -> Floats:
     """(W, n, 3, k) mean E δq rᵀ, the covariance of the direction at each reading with its residuals."""
     of_walk = product(_rotate_back(group, cross_matrices(directions)), walk.by_walk)
-    mean: Floats = of_walk + product(_rotate_back(group, across(directions)), walk.by_direction)
+    mean: Floats = of_walk + product(_rotate_back(group, perpendicular_vectors(directions)), walk.by_direction)
     return mean
 
 
-def _model_gradient(walk: Walked, directions: Floats) -> Floats:
+def _model_gradient(walk: WalkStatistics, directions: Floats) -> Floats:
     """(P,) Σ Jᵀ E r₂, from the mean of the residuals and the window's direction fitted to it."""
-    tangent, model = across(directions), np.swapaxes(walk.rows.model, 1, 2)
+    tangent, model = perpendicular_vectors(directions), np.swapaxes(walk.rows.model, 1, 2)
     first, second = walk.follows[..., 0, :], walk.follows[..., 1, :]
     middle = np.cross(first, tangent[:, np.newaxis, :, 0]) + np.cross(second, tangent[:, np.newaxis, :, 1])  # Σ Hᵢ × tᵢ
     shorter = np.arange(model.shape[1]) + 0.5 * np.trace(walk.spread, axis1=1, axis2=2)[:, np.newaxis]
@@ -186,9 +192,9 @@ def _model_gradient(walk: Walked, directions: Floats) -> Floats:
     return gradient
 
 
-def _own_direction_gradient(walk: Walked, model: Floats, directions: Floats) -> Floats:
+def _own_direction_gradient(walk: WalkStatistics, model: Floats, directions: Floats) -> Floats:
     """(W, 2) Σ E δUᵀ r, with δU the change of t₁ and t₂: tᵢ × w by the walk, and −hᵢ v by the fitted direction."""
-    tangent = across(directions)
+    tangent = perpendicular_vectors(directions)
     axes = np.concatenate([np.swapaxes(tangent, 1, 2), directions[:, np.newaxis]], axis=1)
     first, second, middle = (np.einsum("wj,wnjk->wnk", axes[:, i], walk.by_walk) for i in range(3))
     by_direction = walk.by_direction
@@ -199,7 +205,7 @@ def _own_direction_gradient(walk: Walked, model: Floats, directions: Floats) -> 
     return np.stack([one.sum(axis=(1, 2)) for one in sums], axis=1)
 
 
-def _gyro_gradient(walk: Walked, group: ObservationGroup, at: Parameters, layout: ParameterLayout) -> Floats:
+def _gyro_gradient(walk: WalkStatistics, group: ObservationGroup, at: Parameters, layout: ParameterLayout) -> Floats:
     """(P,) mean of Σ (P_k δB_k)ᵀ r_k, with E φ_j r_kᵀ = C_jᵀ Π U_kᵀ − P_kᵀ for steps j up to the reading.
 
     The mean is linear in D_j and b_j, with the same coefficients for all parameters of the gyro.
@@ -218,14 +224,14 @@ def _gyro_gradient(walk: Walked, group: ObservationGroup, at: Parameters, layout
         before = np.roll(group.turned.rate - at.gyro_bias, 1, axis=1)
         along = np.einsum("wnij,wnik->jk", rotations, product(of_noise, rotations))  # Σ R_jᵀ … R_j
         along += turned.reshape(-1, 3).T @ before.reshape(-1, 3)
-        of_all = [float(np.sum(along * (grown(unit) - np.eye(3)))) for unit in np.eye(9)]
+        of_all = [float(np.sum(along * (scale_matrix(unit) - np.eye(3)))) for unit in np.eye(9)]
         for name, part in (("gyro_scale", of_all[:6]), ("gyro_turn", of_all[6:])):
             if name in layout:
                 gradient[layout.columns[name]] = part
     return gradient
 
 
-def _step_coefficients(walk: Walked) -> tuple[Floats, Floats]:
+def _step_coefficients(walk: WalkStatistics) -> tuple[Floats, Floats]:
     """(W, n, 3, 3) coefficient of D_j and (W, n, 3) coefficient of b_j, summed over all readings from step j on."""
     since, stiff = np.swapaxes(walk.steps, 2, 3), product(np.swapaxes(walk.pushes, 2, 3), walk.pushes)
     stiffer = _reverse_cumsum(stiff)

@@ -10,8 +10,8 @@ direction is counted as not observable if a large part of its information is spu
 
 >>> ring = np.stack([np.cos(np.arange(60.0)), np.sin(np.arange(60.0)), np.zeros(60)], axis=1)
 >>> ellipsoid = Ellipsoid(np.zeros(3), 50.0 * np.eye(3))
->>> across = spurious_information(ring, ellipsoid)[2, 2]            # a shift of the centre along z
->>> round(float(across) * 50.0**2 / 60.0, 3)
+>>> perpendicular_vectors = spurious_information(ring, ellipsoid)[2, 2]            # a shift of the centre along z
+>>> round(float(perpendicular_vectors) * 50.0**2 / 60.0, 3)
 1.0
 """
 
@@ -22,9 +22,9 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.geometry.ellipsoid import GATHER, Ellipsoid
-from flinders.geometry.rotation import across
-from flinders.likelihood.equations import ROUNDING
+from flinders.geometry.ellipsoid import PARAMETER_DERIVATIVES, Ellipsoid
+from flinders.geometry.rotation import perpendicular_vectors
+from flinders.likelihood.equations import MIN_EIGENVALUE_RATIO
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.likelihood.equations import NormalEquations
 
-WELL_CONDITIONED: Final = 0.1
+MIN_SOUND_EIGENVALUE: Final = 0.1
 """Smallest eigenvalue of the scaled normal matrix from which all directions are observable without a check."""
 
 MAX_SPURIOUS_SHARE: Final = 1.0 / 3.0
@@ -58,12 +58,12 @@ def tangent_derivatives(directions: Floats, ellipsoid: Ellipsoid) -> Iterator[Fl
     normal = inverse @ u
     steepness = np.sqrt(np.einsum("ij,ij->j", normal, normal))
     normal = normal / steepness
-    for tangent in across(normal.T).transpose(2, 1, 0):
+    for tangent in perpendicular_vectors(normal.T).transpose(2, 1, 0):
         along = inverse @ tangent
         turned = inverse @ along
         bent = (turned - normal * np.einsum("ij,ij->j", normal, turned)) / steepness
         products = bent[:, np.newaxis] * u + normal[:, np.newaxis] * along
-        yield np.concatenate([bent, products.reshape(9, -1)]).T @ GATHER
+        yield np.concatenate([bent, products.reshape(9, -1)]).T @ PARAMETER_DERIVATIVES
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,52 +82,52 @@ class Support:
         `spurious` returns the (K, K) spurious information; it is not called for a well-conditioned matrix.
         """
         diagonal = np.diag(matrix)
-        nothing = max(ROUNDING * float(diagonal.max()), np.finfo(float).tiny)
+        nothing = max(MIN_EIGENVALUE_RATIO * float(diagonal.max()), np.finfo(float).tiny)
         scale = np.sqrt(np.maximum(diagonal, nothing))
         scaled = matrix / np.outer(scale, scale)
         mute = diagonal <= nothing  # their off-diagonal entries are rounding
         scaled[mute] = scaled[:, mute] = 0.0
         values, vectors = np.linalg.eigh(scaled)
         share = np.zeros(len(values))
-        if not values[0] > WELL_CONDITIONED:
+        if not values[0] > MIN_SOUND_EIGENVALUE:
             heard = np.where(mute, np.inf, scale)
             with np.errstate(over="ignore", invalid="ignore"):  # infinite information is wholly spurious
                 noise = np.einsum("ij,ik,kj->j", vectors, spurious() / np.outer(heard, heard), vectors)
             noise = np.nan_to_num(noise, nan=np.inf, posinf=np.inf)
-            observed = values > max(ROUNDING * float(values[-1]), np.finfo(float).tiny)
+            observed = values > max(MIN_EIGENVALUE_RATIO * float(values[-1]), np.finfo(float).tiny)
             share = np.ones(len(values))
             share[observed] = np.clip(noise[observed], 0.0, values[observed]) / values[observed]
         return cls(scale, values, vectors, share)
 
     @property
-    def seen(self) -> NDArray[np.bool_]:
+    def is_observable(self) -> NDArray[np.bool_]:
         """(K,) whether each direction is observable."""
         return self.share < MAX_SPURIOUS_SHARE
 
     @property
     def unobserved(self) -> int:
         """Number of unobservable directions."""
-        return int(np.count_nonzero(~self.seen))
+        return int(np.count_nonzero(~self.is_observable))
 
     @property
     def directions(self) -> tuple[Floats, Floats]:
         """Bases, in parameters, of the observable directions, and of the unobservable ones with unit length."""
-        unobserved = self.vectors[:, ~self.seen] / self.scale[:, np.newaxis]
+        unobserved = self.vectors[:, ~self.is_observable] / self.scale[:, np.newaxis]
         lengths = np.sqrt(np.einsum("ij,ij->j", unobserved, unobserved))
-        return self.vectors[:, self.seen] / self.scale[:, np.newaxis], unobserved / lengths
+        return self.vectors[:, self.is_observable] / self.scale[:, np.newaxis], unobserved / lengths
 
-    def keep(self, equations: NormalEquations) -> NormalEquations:
+    def remove_unobservable(self, equations: NormalEquations) -> NormalEquations:
         """Remove the unobservable directions from the normal equations of this matrix."""
         if not self.unobserved:
             return equations
-        basis = self.vectors[:, self.seen]
+        basis = self.vectors[:, self.is_observable]
         scaled = basis * self.scale[:, np.newaxis]
         gradient = scaled @ (basis.T @ (equations.gradient / self.scale))
-        return replace(equations, matrix=(scaled * self.values[self.seen]) @ scaled.T, gradient=gradient)
+        return replace(equations, matrix=(scaled * self.values[self.is_observable]) @ scaled.T, gradient=gradient)
 
-    def projected(self, scatter: Floats) -> Floats:
+    def project(self, scatter: Floats) -> Floats:
         """(K, K) part of a covariance of the gradient in the observable directions."""
-        basis = self.vectors[:, self.seen]
+        basis = self.vectors[:, self.is_observable]
         onto = (basis * self.scale[:, np.newaxis]) @ (basis / self.scale[:, np.newaxis]).T
         part: Floats = onto @ scatter @ onto.T
         return part
@@ -138,6 +138,6 @@ class Support:
 
         Noise adds its share to the matrix and to the covariance of the gradient, so the factor is (1 − share)².
         """
-        scaled = self.vectors[:, self.seen] * self.scale[:, np.newaxis]
-        information: Floats = (scaled * (self.values * (1.0 - self.share) ** 2)[self.seen]) @ scaled.T
+        scaled = self.vectors[:, self.is_observable] * self.scale[:, np.newaxis]
+        information: Floats = (scaled * (self.values * (1.0 - self.share) ** 2)[self.is_observable]) @ scaled.T
         return information

@@ -12,16 +12,16 @@ from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple, Self, TypeAlias
 
 import numpy as np
 
-from flinders.core.axes import TURNS
-from flinders.geometry.rotation import across, in_pieces, lengths
+from flinders.core.axes import AXIS_ROTATIONS
+from flinders.geometry.rotation import lengths, make_contiguous, perpendicular_vectors
 from flinders.likelihood import attitude, dip, gyro
-from flinders.likelihood.equations import FINEST, NormalEquations
+from flinders.likelihood.equations import MIN_NOISE, NormalEquations
 from flinders.likelihood.gyro import SCALE_SIGMA
-from flinders.likelihood.observations import ObservationGroup, Weights, residuals_of
+from flinders.likelihood.observations import ObservationGroup, Weights, unweighted_residuals
 from flinders.likelihood.parameters import ParameterLayout, Parameters
 from flinders.likelihood.prior import SensorPrior
-from flinders.likelihood.robust import HUBER, huber
-from flinders.likelihood.solver import EASED, NO_WORSE, SETTLED, Iterate
+from flinders.likelihood.robust import HUBER_SIGMAS, huber_weights
+from flinders.likelihood.solver import LAST_CORRECTION_SIGMAS, LAST_STEP_SIGMAS, MAX_COST_INCREASE, Iterate
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -71,7 +71,7 @@ class JointProblem:
     accelerometer: AccelerometerPrior | None = None  # if verticals come from an accelerometer
     is_rough: bool = False  # whether to stop as early as for a long recording
     is_robust: bool = False  # whether large residuals reduce the weight of readings; for a start, not for a claim
-    tolerance: ClassVar[float] = NO_WORSE
+    tolerance: ClassVar[float] = MAX_COST_INCREASE
 
     @classmethod
     def of(
@@ -115,25 +115,25 @@ class JointProblem:
         return sum(group.rows.size for group in self.groups)
 
     @property
-    def settled(self) -> float:
+    def last_step(self) -> float:
         """Length of the last step, in standard deviations; longer for a long recording."""
-        return EASED if self.is_long else SETTLED
+        return LAST_CORRECTION_SIGMAS if self.is_long else LAST_STEP_SIGMAS
 
     @property
     def is_long(self) -> bool:
         """Whether to stop early: for so many readings that further steps are not worth their time, or if `is_rough`."""
         return self.is_rough or self.readings >= MIN_LONG_READINGS
 
-    def thinned(self, readings: int) -> Self:
+    def thin(self, readings: int) -> Self:
         """The problem with about `readings` readings, spread over the recording."""
         step = self.readings // readings
-        return self if step < 2 else replace(self, groups=tuple(group.runs(step) for group in self.groups))
+        return self if step < 2 else replace(self, groups=tuple(group.thin_runs(step) for group in self.groups))
 
-    def robust(self) -> Self:
+    def make_robust(self) -> Self:
         """The problem with reduced weights of readings with large residuals, which limits the effect of outliers."""
         return replace(self, is_robust=True)
 
-    def freed(self) -> Self:
+    def free_accelerometer(self) -> Self:
         """The problem with the errors of an accelerometer as free parameters, if there is one.
 
         They are fixed during the first iterations, because noise could lead the solver far away along them.
@@ -148,14 +148,14 @@ class JointProblem:
         at = replace(Parameters.at(ellipsoid.centre, ellipsoid.shape), rotation=self.prior.rotation)
         if self.accelerometer is not None:
             at = replace(at, accelerometer=self.accelerometer.mean)
-        return self.facing(replace(at, rotation=self._start_rotation(at)))
+        return self.estimate_direction(replace(at, rotation=self._start_rotation(at)))
 
-    def begin_near(self, near: Parameters, layout: ParameterLayout) -> Parameters:
+    def begin_from(self, near: Parameters, layout: ParameterLayout) -> Parameters:
         """Parameters to start from, after a fit of another `ParameterLayout`."""
         free = ("rotation", "gyro_bias", "gyro_scale", "gyro_turn", "delay")
         values = {name: getattr(near, name) for name in free if name in layout and name in self.layout}
         at = replace(self.begin(near.ellipsoid), **values)
-        return self.facing(replace(at, rotation=self._start_rotation(at)))
+        return self.estimate_direction(replace(at, rotation=self._start_rotation(at)))
 
     def _start_rotation(self, at: Parameters) -> Floats:
         """(3, 3) mounting with a constant field in the world by the attitudes, if it is much better than that of `at`.
@@ -167,19 +167,19 @@ class JointProblem:
             if group.attitudes is not None and group.trust is not None:
                 known = group.trust > 0.0
                 attitudes.append(group.attitudes[known])
-                seen.append(np.linalg.solve(at.shape, group.centred(at)[known].T).T)
+                seen.append(np.linalg.solve(at.shape, group.subtract_offset(at)[known].T).T)
         if not attitudes:
             return at.rotation
         rows = slice(None, None, max(1, sum(map(len, seen)) // MAX_START_ATTITUDES))
-        return aligned(np.concatenate(attitudes)[rows], np.concatenate(seen)[rows], at.rotation)
+        return find_mounting(np.concatenate(attitudes)[rows], np.concatenate(seen)[rows], at.rotation)
 
-    def facing(self, at: Parameters) -> Parameters:
+    def estimate_direction(self, at: Parameters) -> Parameters:
         """The parameters with the dip, and the direction of the field in the world, that fit the readings."""
-        inverse = np.linalg.inv(at.ellipsoid_like)
+        inverse = np.linalg.inv(at.rotated_shape)
         heights, weights, world = 0.0, 0.0, np.zeros(3)
         for group in self.groups:
-            seen = group.centred(at) @ inverse.T
-            if (down := group.upright(at)) is not None and group.trust is not None:
+            seen = group.subtract_offset(at) @ inverse.T
+            if (down := group.corrected_verticals(at)) is not None and group.trust is not None:
                 heights += float(np.einsum("wni,wni,wn->", down, seen, group.trust))
                 weights += float(group.trust.sum())
             if group.attitudes is not None:
@@ -204,7 +204,7 @@ class JointProblem:
                 equations += NormalEquations(np.outer(whole, whole), whole * left, left**2, 0)
         if self.accelerometer is not None and "accelerometer" in self.layout:
             own = self.accelerometer.equations(at.accelerometer)
-            equations += own.placed(self.layout.columns["accelerometer"], self.layout.size)
+            equations += own.place_block(self.layout.columns["accelerometer"], self.layout.size)
         return equations
 
     def _site_rows(self, at: Parameters, site: Site) -> Iterator[tuple[str, Floats, float]]:
@@ -216,12 +216,12 @@ class JointProblem:
         if site.sine is not None:
             yield (
                 "direction",
-                across(at.direction)[2] / site.sine_sigma,
+                perpendicular_vectors(at.direction)[2] / site.sine_sigma,
                 (site.sine - at.direction[2]) / site.sine_sigma,
             )
             yield "sine", np.ones(1) / site.sine_sigma, (site.sine - at.sine) / site.sine_sigma
 
-    def reweighed(self, iterate: JointIterate, equations: Equations) -> JointIterate:
+    def reweigh(self, iterate: JointIterate, equations: Equations) -> JointIterate:
         """Weight each kind of residual by its noise; large residuals of verticals, or if robust of readings, less."""
         weights = self._weights(iterate, equations)
         groups = tuple(
@@ -233,7 +233,7 @@ class JointProblem:
     def _weights(self, iterate: JointIterate, equations: Equations) -> Weights:
         """Standard deviations of readings, and of verticals unless they are correlated."""
         weights, size = iterate.weights, float(self.layout.size)
-        finest = FINEST * iterate.at.radius
+        finest = MIN_NOISE * iterate.at.radius
         if weights.span > 1.0 or all(group.trust is None for group in iterate.groups):
             return weights._replace(noise=max(weights.noise * equations.noise_factor(size), finest))
         noise, vertical = equations.noise_factors(np.array([size, 0.0])).tolist()
@@ -245,7 +245,7 @@ class JointProblem:
 JointIterate: TypeAlias = Iterate[Parameters, ObservationGroup, Weights]
 
 
-def aligned(attitudes: Floats, seen: Floats, rotation: Floats) -> Floats:
+def find_mounting(attitudes: Floats, seen: Floats, rotation: Floats) -> Floats:
     """Mounting of a magnetometer on a body of known attitude: the assumed one, unless another is much better.
 
     From each of the 24 axis rotations, the field's mean direction m = Σ C R q, and the rotation that maps all q closest
@@ -269,14 +269,14 @@ def aligned(attitudes: Floats, seen: Floats, rotation: Floats) -> Floats:
     >>> angles = np.random.default_rng(1).uniform(-1.0, 1.0, (50, 3))
     >>> attitudes = attitude.body_to_world(of_angles(angles))
     >>> upturned = np.swapaxes(attitudes, 1, 2) @ [0.6, 0.0, 0.8] * [1.0, -1.0, -1.0]
-    >>> aligned(attitudes, upturned, np.eye(3)).round(6) + 0.0
+    >>> find_mounting(attitudes, upturned, np.eye(3)).round(6) + 0.0
     array([[ 1.,  0.,  0.],
            [ 0., -1.,  0.],
            [ 0.,  0., -1.]])
     """
     if not len(seen):
         return rotation
-    ways = np.stack([rotation, *(axes.apply(np.eye(3)).T for axes in TURNS)])
+    ways = np.stack([rotation, *(axes.apply(np.eye(3)).T for axes in AXIS_ROTATIONS)])
     pairs = np.einsum("nij,nk->nijk", attitudes, seen).mean(axis=0)  # mean of C_ij q_k, sufficient for all mountings
     for _ in range(MOUNTING_ITERATIONS):
         north = np.einsum("ijk,wjk->wi", pairs, ways)
@@ -296,14 +296,14 @@ def group_readings(samples: Samples, terms: Sequence[str], window_s: float) -> t
     every = np.arange(len(samples), dtype=np.intp)
     if "rate" not in terms or samples.rate is None or samples.time is None:
         return [_make_group(samples, every[:, np.newaxis], auxiliary)], 0.0
-    inside = gyro.windows(samples.time, samples.rate, window_s=window_s)
+    inside = gyro.window_rows(samples.time, samples.rate, window_s=window_s)
     groups = []
     interval = 0.0
     if len(inside):
         steps = np.diff(samples.time[inside], axis=1)
         interval = float(np.median(steps))
         intervals = np.concatenate([steps, steps[:, -1:]], axis=1)
-        turned = gyro.integrated(np.nan_to_num(samples.rate[inside]), intervals, np.zeros(3))
+        turned = gyro.integrate_rates(np.nan_to_num(samples.rate[inside]), intervals, np.zeros(3))
         groups.append(replace(_make_group(samples, inside, auxiliary), turned=turned))
     rest = np.setdiff1d(every, inside.ravel())[:, np.newaxis]
     if len(rest):
@@ -327,9 +327,9 @@ class _Attitudes(NamedTuple):
             matrices[~known] = np.eye(3)
             return cls(attitudes=matrices, trust=known.astype(float))
         if "dip" in terms and samples.acceleration is not None:
-            return cls(None, *dip.verticals(samples.acceleration))
+            return cls(None, *dip.accelerometer_verticals(samples.acceleration))
         if "tilt" in terms and samples.attitude is not None:
-            return cls(None, *dip.verticals_of(samples.attitude))
+            return cls(None, *dip.attitude_verticals(samples.attitude))
         return cls()
 
 
@@ -337,21 +337,21 @@ def _make_group(samples: Samples, rows: NDArray[np.intp], auxiliary: _Attitudes)
     """Make the group of (W, n) readings."""
     return ObservationGroup(
         rows,
-        in_pieces(samples.field[rows]),
+        make_contiguous(samples.field[rows]),
         np.ones(rows.shape),
-        attitudes=None if auxiliary.attitudes is None else in_pieces(auxiliary.attitudes[rows], 2),
-        down=None if auxiliary.down is None else in_pieces(auxiliary.down[rows]),
+        attitudes=None if auxiliary.attitudes is None else make_contiguous(auxiliary.attitudes[rows], 2),
+        down=None if auxiliary.down is None else make_contiguous(auxiliary.down[rows]),
         trust=None if auxiliary.trust is None else auxiliary.trust[rows],
     )
 
 
-def initial(problem: JointProblem, at: Parameters) -> JointIterate:
+def start_iterate(problem: JointProblem, at: Parameters) -> JointIterate:
     """Start of the iteration at given parameters: directions by the readings, and noises by the residuals."""
     groups = tuple(group.at(at) for group in problem.groups)
     directions = tuple(group.guess(at) for group in groups)
     squares, counts = np.zeros(2), np.zeros(2)
     for group, known in zip(groups, directions, strict=True):
-        residual, auxiliary = residuals_of(group, at, known)
+        residual, auxiliary = unweighted_residuals(group, at, known)
         squares[0] += float(np.sum(residual**2))
         counts[0] += 3.0 * residual.shape[0] * residual.shape[1] - 2.0 * len(known)
         if auxiliary is not None and group.trust is not None:
@@ -359,17 +359,17 @@ def initial(problem: JointProblem, at: Parameters) -> JointIterate:
             counts[1] += float(np.count_nonzero(group.trust)) * auxiliary.shape[2]
     noise, vertical = np.sqrt(squares / np.maximum(counts, 1.0)).tolist()
     weights = Weights(
-        float(np.clip(noise, FINEST * at.radius, MAX_START_NOISE * at.radius)),
+        float(np.clip(noise, MIN_NOISE * at.radius, MAX_START_NOISE * at.radius)),
         float(np.clip(vertical, MIN_VERTICAL_SIGMA, MAX_START_NOISE)),
     )
     return Iterate(at, groups, directions, weights)
 
 
-def misfits(iterate: JointIterate) -> bool:
+def has_misfit(iterate: JointIterate) -> bool:
     """Whether weighted residuals are much larger than their changes between consecutive readings."""
     total, steps, count, pairs = 0.0, 0.0, 0, 0
     for group, directions in zip(iterate.groups, iterate.directions, strict=True):
-        residual, auxiliary = residuals_of(group, iterate.at, directions)
+        residual, auxiliary = unweighted_residuals(group, iterate.at, directions)
         weight = group.weight
         if group.turned is None:
             if group.attitudes is None or auxiliary is None or group.trust is None:
@@ -392,15 +392,15 @@ def _reweigh_group(
     is_robust: bool,
 ) -> ObservationGroup:
     """Reduce the weight of verticals and attitudes with large residuals, and of readings if `is_robust`."""
-    residual, auxiliary = residuals_of(group, at, directions)
+    residual, auxiliary = unweighted_residuals(group, at, directions)
     if is_robust:
-        redescending = huber(lengths(residual) / weights.noise) ** 2
+        redescending = huber_weights(lengths(residual) / weights.noise) ** 2
         group = replace(group, weight=original.weight * redescending)
     if auxiliary is None or original.trust is None:
         return group
     length = np.sqrt(np.einsum("wni,wni->wn", auxiliary, auxiliary)) / weights.vertical
-    beyond = HUBER if group.attitudes is None else attitude.HUBER
-    return replace(group, trust=original.trust * group.weight * huber(length, beyond=beyond))
+    beyond = HUBER_SIGMAS if group.attitudes is None else attitude.ATTITUDE_HUBER
+    return replace(group, trust=original.trust * group.weight * huber_weights(length, beyond=beyond))
 
 
 def deviance(problem: JointProblem, iterate: JointIterate) -> float:

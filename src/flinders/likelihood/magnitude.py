@@ -27,8 +27,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.core.samples import BLOCK
-from flinders.geometry.ellipsoid import GATHER, Ellipsoid, centred, gathered
+from flinders.core.samples import BLOCK_ROWS
+from flinders.geometry.ellipsoid import PARAMETER_DERIVATIVES, Ellipsoid, parameter_derivatives, subtract_centre
 from flinders.likelihood.equations import NormalEquations
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 # Rows of a block are n, n_i u_j and s; the last column of the products is that of s.
 _DERIVATIVES: Final = np.zeros((13, 10))
-_DERIVATIVES[:12, :9] = GATHER
+_DERIVATIVES[:12, :9] = PARAMETER_DERIVATIVES
 _DERIVATIVES[12, 9] = 1.0
 
 
@@ -48,8 +48,8 @@ def equations(blocks: Iterable[Floats], ellipsoid: Ellipsoid) -> NormalEquations
     total = np.zeros((10, 10))
     count = 0
     for block in blocks:
-        for start in range(0, len(block), BLOCK):
-            rows = _rows(block[start : start + BLOCK], ellipsoid.centre, inverse)
+        for start in range(0, len(block), BLOCK_ROWS):
+            rows = _rows(block[start : start + BLOCK_ROWS], ellipsoid.centre, inverse)
             total += _DERIVATIVES.T @ (rows @ rows.T) @ _DERIVATIVES
             count += rows.shape[1]
     return NormalEquations(total[:9, :9], total[:9, 9], float(total[9, 9]), count)
@@ -58,7 +58,7 @@ def equations(blocks: Iterable[Floats], ellipsoid: Ellipsoid) -> NormalEquations
 def distances(readings: Floats, ellipsoid: Ellipsoid) -> Floats:
     """(N,) Sampson distances of (N, 3) readings, outside positive, in their unit."""
     inverse = np.linalg.inv(ellipsoid.shape)
-    return _distances(inverse @ centred(readings, ellipsoid.centre), inverse)[0]
+    return _distances(inverse @ subtract_centre(readings, ellipsoid.centre), inverse)[0]
 
 
 def curvature(readings: Floats, ellipsoid: Ellipsoid) -> Floats:
@@ -67,7 +67,7 @@ def curvature(readings: Floats, ellipsoid: Ellipsoid) -> Floats:
     On the surface ∇²s = (tr K − k₁)/√k₁ − 2 (k₂ − k₁²)/k₁^{3/2} with K = S⁻², k₁ = uᵀKu, k₂ = |Ku|².
     """
     inverse, scale = np.linalg.inv(ellipsoid.shape), ellipsoid.scale
-    u = inverse @ centred(readings, ellipsoid.centre)
+    u = inverse @ subtract_centre(readings, ellipsoid.centre)
     u = u[:, np.any(u != 0.0, axis=0)]  # a reading at the centre has no direction
     u /= _lengths(u)
     inverse = inverse * scale  # a power of two: keeps powers of K within range without rounding
@@ -78,7 +78,7 @@ def curvature(readings: Floats, ellipsoid: Ellipsoid) -> Floats:
     steepness = np.sqrt(k1)
     laplacian = (np.trace(metric) - k1) / steepness - 2.0 * (k2 - k1 * k1) / (k1 * steepness)
     normal *= 0.5 * laplacian / steepness
-    gradient: Floats = np.concatenate([normal.sum(axis=1), (normal @ u.T).ravel()]) @ GATHER
+    gradient: Floats = np.concatenate([normal.sum(axis=1), (normal @ u.T).ravel()]) @ PARAMETER_DERIVATIVES
     return gradient / scale
 
 
@@ -86,13 +86,13 @@ def information(directions: Floats, ellipsoid: Ellipsoid) -> Floats:
     """(K, 9) Jacobian at (K, 3) unit directions: displacement of the surface there by each parameter."""
     normals = np.linalg.inv(ellipsoid.shape) @ directions.T
     normals /= _lengths(normals)
-    return gathered(normals, directions.T)
+    return parameter_derivatives(normals, directions.T)
 
 
 def _rows(readings: Floats, centre: Floats, inverse: Floats) -> Floats:
     """(13, m) normals n, products n_i u_j, and distances s of one block of (m, 3) readings."""
     rows = np.empty((13, len(readings)))
-    y = inverse @ centred(readings, centre)
+    y = inverse @ subtract_centre(readings, centre)
     s, normal = _distances(y, inverse)
     foot = y - inverse @ normal * s
     foot /= _lengths(foot)

@@ -47,14 +47,14 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Self
 import numpy as np
 
 from flinders.geometry.rotation import (
-    across,
-    applied,
+    apply_matrices,
     cross_matrices,
-    in_pieces,
-    on_the_sphere,
+    make_contiguous,
+    perpendicular_vectors,
     product,
     rotations,
-    transformed,
+    step_on_sphere,
+    transform_vectors,
     vectors_of,
 )
 from flinders.likelihood import attitude, dip, gyro
@@ -65,10 +65,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
-    from flinders.likelihood.gyro import Turned
+    from flinders.likelihood.gyro import WindowRotation
     from flinders.likelihood.parameters import ParameterLayout, Parameters
 
-ROOM: Final = 8192
+CHUNK_READINGS: Final = 8192
 """Readings in a chunk, regardless of the length of the recording."""
 
 MIN_DETERMINANT_RATIO: Final = 1e-12
@@ -99,7 +99,7 @@ class ObservationGroup:
     rows: NDArray[np.intp]  # (W, n): index of each reading in the recording
     field: Floats  # (W, n, 3): readings
     weight: Floats  # (W, n): 1, or 0 for an outlier or missing reading
-    turned: Turned | None = None  # rotation of the body within each window
+    turned: WindowRotation | None = None  # rotation of the body within each window
     # (W, n, 3, 3): from body axes to the world, in which the field has one direction
     attitudes: Floats | None = None
     down: Floats | None = None  # (W, n, 3): verticals d in body axes
@@ -112,7 +112,7 @@ class ObservationGroup:
         return cls(np.arange(shape[0] * shape[1]).reshape(shape), field, np.ones(shape))
 
     @property
-    def tall(self) -> int:
+    def residuals_per_reading(self) -> int:
         """Number of residuals of a reading: 3, 4 with a vertical, or 6 with an attitude."""
         return 6 if self.attitudes is not None else 3 if self.down is None else 4
 
@@ -122,18 +122,18 @@ class ObservationGroup:
         return int(np.count_nonzero(self.weight))
 
     def chunks(self) -> list[Self]:
-        """The group in parts of about `ROOM` readings, in whole windows."""
-        each = max(1, ROOM // self.rows.shape[1])
+        """The group in parts of about `CHUNK_READINGS` readings, in whole windows."""
+        each = max(1, CHUNK_READINGS // self.rows.shape[1])
         return [self.chunk(slice(begin, begin + each)) for begin in range(0, len(self.rows), each)]
 
-    def every(self, step: int) -> Self:
+    def thin_windows(self, step: int) -> Self:
         """The group with one of `step` windows."""
         return self.chunk(slice(None, None, step))
 
-    def runs(self, step: int) -> Self:
+    def thin_runs(self, step: int) -> Self:
         """The group with one of `step` windows; single readings in runs of `RUN_READINGS`, for noise estimates."""
         if self.turned is not None:
-            return self.every(step)
+            return self.thin_windows(step)
         return self.chunk(np.flatnonzero(np.arange(len(self.rows)) // RUN_READINGS % step == 0))
 
     def chunk(self, rows: slice | NDArray[np.intp]) -> Self:
@@ -157,44 +157,46 @@ class ObservationGroup:
             return self.turned.rotations
         return np.broadcast_to(np.eye(3), (*self.weight.shape, 3, 3))
 
-    def centred(self, at: Parameters) -> Floats:
+    def subtract_offset(self, at: Parameters) -> Floats:
         """(W, n, 3) readings minus the offset."""
         return self.field - at.offset
 
-    def upright(self, at: Parameters) -> Floats | None:
+    def corrected_verticals(self, at: Parameters) -> Floats | None:
         """(W, n, 3) corrected verticals v, of about unit length; None without verticals."""
-        return None if self.down is None else dip.upright(self.down, at.accelerometer)[0]
+        return None if self.down is None else dip.correct_verticals(self.down, at.accelerometer)[0]
 
     def guess(self, at: Parameters) -> Floats:
         """(W, 3) direction of each window by the mean of its readings."""
-        seen = self.centred(at) @ np.linalg.inv(at.ellipsoid_like).T * self.weight[..., np.newaxis]
+        seen = self.subtract_offset(at) @ np.linalg.inv(at.rotated_shape).T * self.weight[..., np.newaxis]
         if self.turned is not None:
-            seen = applied(self.turned.rotations, in_pieces(seen))
+            seen = apply_matrices(self.turned.rotations, make_contiguous(seen))
         total = seen.sum(axis=1)
         length = np.linalg.norm(total, axis=1, keepdims=True)
         unit: Floats = np.where(length > 0.0, total / np.where(length > 0.0, length, 1.0), [1.0, 0.0, 0.0])
         return unit
 
-    def seen(self, at: Parameters, directions: Floats) -> tuple[Floats, Floats | None]:
+    def rotated_directions(self, at: Parameters, directions: Floats) -> tuple[Floats, Floats | None]:
         """(W, n, 3) q at each reading from (W, 3) directions, and the (W, n, 3, 3) rotations between them."""
         if self.turned is None:
             return np.broadcast_to(directions[:, np.newaxis], self.field.shape), None
         back = np.swapaxes(self.turned.rotations, 2, 3)
         if at.delay:
-            back = product(rotations(in_pieces(at.delay * at.turning(self.turned.rate))), back)
-        return applied(back, directions[:, np.newaxis]), back
+            back = product(rotations(make_contiguous(at.delay * at.body_rate(self.turned.rate))), back)
+        return apply_matrices(back, directions[:, np.newaxis]), back
 
     def cost(self, at: Parameters, directions: Floats, weights: Weights) -> float:
         """Σ r² in standard deviations."""
-        residual, vertical = residuals_of(self, at, directions)
+        residual, vertical = unweighted_residuals(self, at, directions)
         cost = float(np.sum(np.einsum("wni,wni->wn", residual, residual) * self.weight)) / weights.noise**2
         if vertical is not None and self.trust is not None:
             cost += float(np.sum(np.einsum("wni,wni->wn", vertical, vertical) * self.trust)) * weights.steepness**2
         return cost
 
-    def linearised(self, at: Parameters, directions: Floats, layout: ParameterLayout, weights: Weights) -> Linearised:
+    def linearise(
+        self, at: Parameters, directions: Floats, layout: ParameterLayout, weights: Weights
+    ) -> EliminatedEquations:
         """Normal equations at given parameters and (W, 3) directions, with the directions eliminated."""
-        return eliminated(rows_of(self, at, directions, layout, weights))
+        return eliminate_directions(residual_rows(self, at, directions, layout, weights))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -216,7 +218,7 @@ class ObservationRows:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Linearised:
+class EliminatedEquations:
     """Normal equations of a group, with its own directions eliminated."""
 
     matrix: Floats  # (P, P)
@@ -224,7 +226,7 @@ class Linearised:
     cost: float  # Σ r²
     bent: Floats  # (P,): mean gradient by noise, because the sphere of directions is curved
     root: Floats  # (W, 2, 2): T, with T Tᵀ the covariance of each direction for known parameters
-    mixed: Floats  # (W, P, 2): JᵀV, see `orthonormal`
+    mixed: Floats  # (W, P, 2): JᵀV, see `orthonormalise`
     own: Floats  # (W, 2): Vᵀr
     squares: Floats  # (K,): Σ r² of each kind of residual, with fitted directions
     expected: Floats  # (K,): expectation of `squares` for correct weights, before the fit of the parameters
@@ -254,27 +256,27 @@ class Linearised:
     def follow(self, directions: Floats, step: Floats) -> Floats:
         """(W, 3) directions fitted after a (P,) step of the parameters."""
         left = self.own - np.einsum("p,wpa->wa", step, self.mixed)
-        return on_the_sphere(directions, np.einsum("wab,wb->wa", self.root, left))
+        return step_on_sphere(directions, np.einsum("wab,wb->wa", self.root, left))
 
 
-def residuals_of(group: ObservationGroup, at: Parameters, directions: Floats) -> tuple[Floats, Floats | None]:
+def unweighted_residuals(group: ObservationGroup, at: Parameters, directions: Floats) -> tuple[Floats, Floats | None]:
     """Unweighted residuals: (W, n, 3) r in the unit of the readings, and (W, n, 1) sin I − dᵀq or (W, n, 3) m − C q."""
-    q, _ = group.seen(at, directions)
-    residual = group.centred(at) - transformed(at.ellipsoid_like, q)
+    q, _ = group.rotated_directions(at, directions)
+    residual = group.subtract_offset(at) - transform_vectors(at.rotated_shape, q)
     if group.attitudes is not None:
-        return residual, at.direction - applied(group.attitudes, q)
-    down = group.upright(at)
+        return residual, at.direction - apply_matrices(group.attitudes, q)
+    down = group.corrected_verticals(at)
     if down is None:
         return residual, None
-    return residual, dip.residuals(down, q, at.sine)[..., np.newaxis]
+    return residual, dip.dip_residuals(down, q, at.sine)[..., np.newaxis]
 
 
-def eliminated(rows: ObservationRows) -> Linearised:
+def eliminate_directions(rows: ObservationRows) -> EliminatedEquations:
     """Normal equations of rows, with their own directions eliminated."""
     width, lean = rows.jacobian.shape[-1], rows.lean
     flat = rows.jacobian.transpose(3, 1, 0, 2).reshape(width, -1)  # (P, k W n)
-    own, root = orthonormal(rows.own)
-    mixed = mixed_of(rows.jacobian, own)
+    own, root = orthonormalise(rows.own)
+    mixed = mixed_products(rows.jacobian, own)
     projected = mixed.transpose(1, 2, 0).reshape(width, -1)  # (P, 2 W)
     pull = np.einsum("wkna,wkn->wa", own, rows.residual)
     share = 0.5 * np.einsum("wab,wab->w", root, root)
@@ -289,10 +291,10 @@ def eliminated(rows: ObservationRows) -> Linearised:
     remaining = np.array([np.sum(settled[kind] ** 2) for kind in rows.kinds])
     expected, curvature = _components([own[kind] for kind in rows.kinds], np.asarray(rows.counts))
     cost = float(np.sum(rows.residual**2))
-    return Linearised(matrix, gradient, cost, bent, root, mixed, pull, remaining, expected, curvature)
+    return EliminatedEquations(matrix, gradient, cost, bent, root, mixed, pull, remaining, expected, curvature)
 
 
-def orthonormal(own: Floats) -> tuple[Floats, Floats]:
+def orthonormalise(own: Floats) -> tuple[Floats, Floats]:
     """(W, k, n, 2) columns V = own T with VᵀV = 1 (Gram–Schmidt), and (W, 2, 2) T, of each window.
 
     T Tᵀ is the covariance of the window's direction. Both are zero for a window without information on it.
@@ -312,7 +314,7 @@ def orthonormal(own: Floats) -> tuple[Floats, Floats]:
     return made, root
 
 
-def mixed_of(jacobian: Floats, own: Floats) -> Floats:
+def mixed_products(jacobian: Floats, own: Floats) -> Floats:
     """(W, P, 2) products JᵀV of (W, k, n, P) Jacobians and (W, k, n, 2) columns."""
     count, width = len(jacobian), jacobian.shape[-1]
     mixed = np.moveaxis(np.empty((width, 2, count)), 2, 0)
@@ -330,20 +332,20 @@ def _components(own: Sequence[Floats], counts: Floats) -> tuple[Floats, Floats]:
     return counts - traces, np.diag(counts - 2.0 * traces) + products
 
 
-def rows_of(
+def residual_rows(
     group: ObservationGroup, at: Parameters, directions: Floats, layout: ParameterLayout, weights: Weights
 ) -> ObservationRows:
     """Residuals and Jacobians of a group in standard deviations, at (W, 3) directions."""
-    q, back = group.seen(at, directions)
+    q, back = group.rotated_directions(at, directions)
     windows, n = group.weight.shape
-    residual, model, lean = np.swapaxes(np.zeros((3, group.tall, windows, n)), 1, 2)
-    linear = transformed(at.ellipsoid_like, q)
+    residual, model, lean = np.swapaxes(np.zeros((3, group.residuals_per_reading, windows, n)), 1, 2)
+    linear = transform_vectors(at.rotated_shape, q)
     scale = _reading_steepness(group, weights)
     model[:, :3] = np.swapaxes(linear, 1, 2) * scale
-    residual[:, :3] = np.swapaxes(group.centred(at) - linear, 1, 2) * scale
+    residual[:, :3] = np.swapaxes(group.subtract_offset(at) - linear, 1, 2) * scale
     rows = ObservationRows(
         residual,
-        jacobian_of(group, at, q, layout, weights),
+        weighted_jacobian(group, at, q, layout, weights),
         _own_jacobian(group, at, directions, back, weights),
         model,
         lean,
@@ -354,26 +356,26 @@ def rows_of(
     return rows
 
 
-def own_of(group: ObservationGroup, at: Parameters, directions: Floats, weights: Weights) -> Floats:
+def own_jacobian(group: ObservationGroup, at: Parameters, directions: Floats, weights: Weights) -> Floats:
     """(W, k, n, 2) Jacobian of a group by its own (W, 3) directions, in standard deviations."""
-    return _own_jacobian(group, at, directions, group.seen(at, directions)[1], weights)
+    return _own_jacobian(group, at, directions, group.rotated_directions(at, directions)[1], weights)
 
 
 def _own_jacobian(
     group: ObservationGroup, at: Parameters, directions: Floats, back: Floats | None, weights: Weights
 ) -> Floats:
-    """As `own_of`, with the (W, n, 3, 3) rotations of `ObservationGroup.seen`."""
+    """As `own_jacobian`, with the (W, n, 3, 3) rotations of `ObservationGroup.seen`."""
     windows, n = group.weight.shape
-    own = np.empty((2, group.tall, windows, n)).transpose(2, 1, 3, 0)
-    tangent = across(directions)[:, np.newaxis]
+    own = np.empty((2, group.residuals_per_reading, windows, n)).transpose(2, 1, 3, 0)
+    tangent = perpendicular_vectors(directions)[:, np.newaxis]
     turned = np.broadcast_to(tangent, (windows, n, 3, 2)) if back is None else product(back, tangent)
     scale = _reading_steepness(group, weights)
     for axis in range(2):
-        own[:, :3, :, axis] = np.swapaxes(transformed(at.ellipsoid_like, turned[..., axis]), 1, 2) * scale
+        own[:, :3, :, axis] = np.swapaxes(transform_vectors(at.rotated_shape, turned[..., axis]), 1, 2) * scale
     steep = _auxiliary_steepness(group, weights)[..., np.newaxis]
     if group.attitudes is not None:
         own[:, 3:] = np.swapaxes(product(group.attitudes, turned) * steep[..., np.newaxis], 1, 2)
-    elif (down := group.upright(at)) is not None:
+    elif (down := group.corrected_verticals(at)) is not None:
         own[:, 3] = np.einsum("wni,wnij->wnj", down, turned) * steep
     return own
 
@@ -426,35 +428,37 @@ def _fill_auxiliary(
     trust = np.zeros(group.weight.shape) if group.trust is None else group.trust
     steep = _auxiliary_steepness(group, weights)
     if group.attitudes is not None:
-        stands = applied(group.attitudes, q) * steep[..., np.newaxis]
+        stands = apply_matrices(group.attitudes, q) * steep[..., np.newaxis]
         rows.model[:, 3:] = np.swapaxes(stands, 1, 2)
         rows.residual[:, 3:] = np.swapaxes(at.direction * steep[..., np.newaxis] - stands, 1, 2)
-    elif (down := group.upright(at)) is not None:
+    elif (down := group.corrected_verticals(at)) is not None:
         usual = np.count_nonzero(trust) / max(float(trust.sum()), 1e-300)  # the variance is that of a trust of 1
         across_it = usual * weights.own * weights.vertical**2 / max(1.0 - at.sine**2, 1e-3)
         rows.lean[:, 3] = at.sine * across_it * steep
         rows.model[:, 3] = dip.heights(down, q) * steep
-        rows.residual[:, 3] = dip.residuals(down, q, at.sine) * steep
+        rows.residual[:, 3] = dip.dip_residuals(down, q, at.sine) * steep
 
 
-def jacobian_of(
+def weighted_jacobian(
     group: ObservationGroup, at: Parameters, q: Floats, layout: ParameterLayout, weights: Weights
 ) -> Floats:
     """(W, k, n, P) Jacobian of a group in standard deviations, with the (W, n, 3) direction q at each reading."""
-    jacobian = np.zeros((layout.size, group.tall, *q.shape[:2])).transpose(2, 1, 3, 0)  # columns are contiguous
+    jacobian = np.zeros((layout.size, group.residuals_per_reading, *q.shape[:2])).transpose(
+        2, 1, 3, 0
+    )  # columns are contiguous
     turned = group.turned
-    moved = None if turned is None else gyro.moved(turned, q, at.turning(turned.rate), layout.columns)
+    moved = None if turned is None else gyro.direction_derivatives(turned, q, at.body_rate(turned.rate), layout.columns)
     _fill_readings(jacobian, at, q, layout, moved)
     jacobian[:, :3] *= _reading_steepness(group, weights)[..., np.newaxis]
     if group.trust is None:
         return jacobian
-    of_gyro = gyro.columns_of(layout.columns)
+    of_gyro = gyro.gyro_columns(layout.columns)
     if group.attitudes is not None:
-        attitude.fill(
+        attitude.fill_attitude(
             jacobian[:, 3:], layout.columns, group.attitudes, direction=at.direction, of_gyro=of_gyro, moved=moved
         )
     elif group.down is not None:
-        dip.fill(
+        dip.fill_dip(
             jacobian[:, 3], layout.columns, group.down, q,
             sine=at.sine, errors=at.accelerometer, of_gyro=of_gyro, moved=moved,
         )  # fmt: skip
@@ -464,7 +468,7 @@ def jacobian_of(
 
 def _fill_readings(jacobian: Floats, at: Parameters, q: Floats, layout: ParameterLayout, moved: Floats | None) -> None:
     """Write the rows of the readings into a (W, k, n, P) Jacobian, in their unit."""
-    shape, u = at.ellipsoid_like, transformed(at.rotation.T, q)
+    shape, u = at.rotated_shape, transform_vectors(at.rotation.T, q)
     for axis in range(3):
         jacobian[:, axis, :, axis] = 1.0
     for column, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)), start=3):
@@ -475,10 +479,10 @@ def _fill_readings(jacobian: Floats, at: Parameters, q: Floats, layout: Paramete
         jacobian[:, :3, :, layout.columns["rotation"]] = turned.transpose(2, 0, 3, 1)
     if moved is not None:
         moving = np.tensordot(shape, np.moveaxis(moved, (2, 3), (0, 1)), 1)
-        jacobian[:, :3, :, gyro.columns_of(layout.columns)] = moving.transpose(2, 0, 3, 1)
+        jacobian[:, :3, :, gyro.gyro_columns(layout.columns)] = moving.transpose(2, 0, 3, 1)
 
 
-def inverse_of(matrices: Floats) -> Floats:
+def inverse_matrices(matrices: Floats) -> Floats:
     """(W, 2, 2) inverses of symmetric matrices; zero for a singular matrix."""
     a, b, d = matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 1, 1]
     determinant = a * d - b * b

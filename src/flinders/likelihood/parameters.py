@@ -24,10 +24,10 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.geometry.ellipsoid import Ellipsoid, symmetric
-from flinders.geometry.rotation import on_the_sphere, rotations
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric_matrix
+from flinders.geometry.rotation import rotations, step_on_sphere
 from flinders.likelihood import attitude, dip, gyro
-from flinders.likelihood.gyro import grown
+from flinders.likelihood.gyro import scale_matrix
 from flinders.likelihood.term import Block
 
 if TYPE_CHECKING:
@@ -94,7 +94,7 @@ class Surface:
         axes = np.linalg.eigvalsh(self.shape)
         return bool(axes[0] > MIN_AXIS_RATIO * axes[2])
 
-    def relative(self, step: Floats, _: ParameterLayout) -> float:
+    def relative_step(self, step: Floats, _: ParameterLayout) -> float:
         """Largest change of offset and shape by a (P,) step, relative to the radius."""
         return float(np.abs(step[:9]).max()) / self.radius
 
@@ -109,7 +109,7 @@ class Parameters(Surface):
     delay: float  # s: delay of the magnetometer behind the gyro
     sine: float  # sine of the dip, positive if the field points below the horizon
     direction: Floats  # (3,): unit vector: the site's field in the world axes of a logged attitude
-    # (6,): upper triangle of Γ, in the order of `flinders.geometry.ellipsoid.symmetric`: the rate of the body is
+    # (6,): upper triangle of Γ, in the order of `flinders.geometry.ellipsoid.symmetric_matrix`: the rate of the body is
     # (1 + Γ)(ω − d)
     gyro_scale: Floats = dataclasses.field(default_factory=lambda: np.zeros(6))
     # (3,), rad: ψ, rotation of the gyro's axes relative to the body: the rate of the body is (1 + Γ + [ψ]×)(ω − d)
@@ -123,12 +123,12 @@ class Parameters(Surface):
         """Parameters with a given offset and shape, and defaults for all others."""
         return cls(offset, shape, np.eye(3), np.zeros(3), 0.0, 0.0, np.array([0.0, 0.0, 1.0]))
 
-    def moved(self, step: Floats, layout: ParameterLayout) -> Self:
+    def take_step(self, step: Floats, layout: ParameterLayout) -> Self:
         """Parameters after a (P,) step; the step of a rotation is applied on the left."""
         parts = {name: step[columns] for name, columns in layout.columns.items()}
         changed: dict[str, Floats | float] = {
             "offset": self.offset + parts["offset"],
-            "shape": self.shape + symmetric(parts["shape"]),
+            "shape": self.shape + symmetric_matrix(parts["shape"]),
         }
         for name in ("delay", "sine"):
             if name in parts:
@@ -139,12 +139,12 @@ class Parameters(Surface):
         if "rotation" in parts:
             changed["rotation"] = rotations(parts["rotation"][np.newaxis])[0] @ self.rotation
         if "direction" in parts:
-            changed["direction"] = on_the_sphere(self.direction, parts["direction"])
+            changed["direction"] = step_on_sphere(self.direction, parts["direction"])
         return replace(self, **changed)  # type: ignore[arg-type]
 
-    def turning(self, rate: Floats) -> Floats:
+    def body_rate(self, rate: Floats) -> Floats:
         """(..., 3) angular rate of the body from (..., 3) readings of its gyro, in rad/s."""
-        turning: Floats = (rate - self.gyro_bias) @ grown(self.gyro).T
+        turning: Floats = (rate - self.gyro_bias) @ scale_matrix(self.gyro).T
         return turning
 
     @property
@@ -153,7 +153,7 @@ class Parameters(Surface):
         return np.concatenate([self.gyro_scale, self.gyro_turn])
 
     @property
-    def ellipsoid_like(self) -> Floats:
+    def rotated_shape(self) -> Floats:
         """(3, 3) product S Rᵀ, from the field's direction in body axes to readings minus the offset."""
         product: Floats = self.shape @ self.rotation.T
         return product

@@ -30,19 +30,19 @@ from typing import TYPE_CHECKING, ClassVar, Final, Self, TypeAlias
 import numpy as np
 
 from flinders.geometry.ellipsoid import sphere_through
-from flinders.geometry.rotation import across, cross_matrices, lengths, on_the_sphere, rotations
-from flinders.likelihood.equations import FINEST, NormalEquations
+from flinders.geometry.rotation import cross_matrices, lengths, perpendicular_vectors, rotations, step_on_sphere
+from flinders.likelihood.equations import MIN_NOISE, NormalEquations
 from flinders.likelihood.observations import (
-    Linearised,
+    EliminatedEquations,
     ObservationGroup,
     ObservationRows,
     Weights,
-    eliminated,
-    jacobian_of,
+    eliminate_directions,
+    weighted_jacobian,
 )
 from flinders.likelihood.parameters import ROTATION_SIGMA, ParameterLayout, Parameters
 from flinders.likelihood.prior import SensorPrior
-from flinders.likelihood.solver import NO_WORSE, SETTLED, Iterate
+from flinders.likelihood.solver import LAST_STEP_SIGMAS, MAX_COST_INCREASE, Iterate
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -58,7 +58,7 @@ GAIN_SPREAD: Final = 0.1
 QUADRATIC_SPREAD: Final = 0.05
 """Prior standard deviation of q times gravity; the DistoX stores at most 0.045."""
 
-FINEST_AIM: Final = 2e-4
+MIN_AIM_SIGMA_RAD: Final = 2e-4
 """Smallest standard deviation of aiming by hand in rad."""
 
 START_SIGMA: Final = 0.03
@@ -150,40 +150,42 @@ class SurveyParameters:
         """Whether both surfaces are ellipsoids."""
         return self.magnetometer.is_closed and self.accelerometer.is_closed
 
-    def moved(self, step: Floats, layout: SurveyLayout) -> Self:
+    def take_step(self, step: Floats, layout: SurveyLayout) -> Self:
         """Parameters after a (P,) step."""
         turned = rotations(step[layout.attitudes].reshape(-1, 3))
         return type(self)(
-            self.magnetometer.moved(step[layout.magnetometer], MAGNETOMETER),
-            self.accelerometer.moved(step[layout.accelerometer], ACCELEROMETER),
+            self.magnetometer.take_step(step[layout.magnetometer], MAGNETOMETER),
+            self.accelerometer.take_step(step[layout.accelerometer], ACCELEROMETER),
             self.dip + float(step[layout.dip][0]),
-            on_the_sphere(self.pointing, step[layout.pointing]),
+            step_on_sphere(self.pointing, step[layout.pointing]),
             turned @ self.attitudes if len(turned) else self.attitudes,
             self.quadratic + step[layout.quadratic] / layout.gravity if layout.is_quadratic else self.quadratic,
         )
 
-    def relative(self, step: Floats, layout: SurveyLayout) -> float:
+    def relative_step(self, step: Floats, layout: SurveyLayout) -> float:
         """Largest change by a (P,) step: of offset and shape relative to their sensor's radius, of angles in rad."""
         return max(
-            self.magnetometer.relative(step[layout.magnetometer], MAGNETOMETER),
-            self.accelerometer.relative(step[layout.accelerometer], ACCELEROMETER),
+            self.magnetometer.relative_step(step[layout.magnetometer], MAGNETOMETER),
+            self.accelerometer.relative_step(step[layout.accelerometer], ACCELEROMETER),
             float(np.abs(step[9:12]).max()),
             float(np.abs(step[layout.dip.start :]).max()),
         )
 
-    def straightened(self, gravity: Floats) -> Floats:
+    def linearize(self, gravity: Floats) -> Floats:
         """Linearize (..., 3) readings of the accelerometer."""
         return gravity + self.quadratic * gravity**2
 
-    def corrected(self, magnetic: Floats, gravity: Floats) -> tuple[Floats, Floats]:
+    def corrected_directions(self, magnetic: Floats, gravity: Floats) -> tuple[Floats, Floats]:
         """Directions of field and gravity in the accelerometer's axes, of about unit length, from (..., 3) readings."""
-        pairs = ((magnetic, self.magnetometer), (self.straightened(gravity), self.accelerometer))
-        field, down = ((reading - own.offset) @ np.linalg.inv(own.ellipsoid_like).T for reading, own in pairs)
+        pairs = ((magnetic, self.magnetometer), (self.linearize(gravity), self.accelerometer))
+        field, down = ((reading - own.offset) @ np.linalg.inv(own.rotated_shape).T for reading, own in pairs)
         return field, down
 
     def angles(self, magnetic: Floats, gravity: Floats) -> Floats:
         """(2, ...) azimuth and inclination in rad of (..., 3) readings."""
-        north, east, down = np.moveaxis(attitudes_of(*self.corrected(magnetic, gravity)) @ self.pointing, -1, 0)
+        north, east, down = np.moveaxis(
+            attitudes_of(*self.corrected_directions(magnetic, gravity)) @ self.pointing, -1, 0
+        )
         return np.stack([np.arctan2(east, north), np.arctan2(-down, np.hypot(north, east))])
 
     @property
@@ -223,23 +225,23 @@ class ShotGroup:
         """The same group, which does not depend on the parameters."""
         return self
 
-    def aimed(self, at: SurveyParameters) -> Floats:
+    def aim_directions(self, at: SurveyParameters) -> Floats:
         """(W, n, 3) direction of the pointing axis of each shot in the world."""
         aimed: Floats = at.attitudes[self.shots] @ at.pointing
         return aimed
 
     def guess(self, at: SurveyParameters) -> Floats:
         """(W, 3) mean direction of each group."""
-        total = np.einsum("wni,wn->wi", self.aimed(at), self.weight)
+        total = np.einsum("wni,wn->wi", self.aim_directions(at), self.weight)
         mean: Floats = total / np.linalg.norm(total, axis=1, keepdims=True)
         return mean
 
     def residuals(self, at: SurveyParameters, directions: Floats, noises: Floats) -> Floats:
         """(W, 9, n) residuals of field, gravity and aim, in standard deviations."""
         back = np.swapaxes(at.attitudes[self.shots], 2, 3)
-        field = self.magnetic - at.magnetometer.offset - back @ at.field @ at.magnetometer.ellipsoid_like.T
-        gravity = at.straightened(self.gravity) - at.accelerometer.offset - back @ DOWN @ at.accelerometer.shape
-        aim = directions[:, np.newaxis] - self.aimed(at)
+        field = self.magnetic - at.magnetometer.offset - back @ at.field @ at.magnetometer.rotated_shape.T
+        gravity = at.linearize(self.gravity) - at.accelerometer.offset - back @ DOWN @ at.accelerometer.shape
+        aim = directions[:, np.newaxis] - self.aim_directions(at)
         left = np.concatenate([field, gravity, aim], axis=2) * np.sqrt(self.weight)[..., np.newaxis]
         return np.swapaxes(left / np.repeat(noises, 3), 1, 2)
 
@@ -247,22 +249,26 @@ class ShotGroup:
         """Σ r² in standard deviations."""
         return float(np.sum(self.residuals(at, directions, noises) ** 2))
 
-    def linearised(self, at: SurveyParameters, directions: Floats, layout: SurveyLayout, noises: Floats) -> Linearised:
+    def linearise(
+        self, at: SurveyParameters, directions: Floats, layout: SurveyLayout, noises: Floats
+    ) -> EliminatedEquations:
         """Normal equations, with the directions eliminated."""
-        return eliminated(self.rows(at, directions, layout, noises))
+        return eliminate_directions(self.rows(at, directions, layout, noises))
 
     def rows(self, at: SurveyParameters, directions: Floats, layout: SurveyLayout, noises: Floats) -> ObservationRows:
         """Residuals (W, 9, n) and Jacobians (W, 9, n, P) in standard deviations."""
         shape = (len(self.shots), 9, self.shots.shape[1])
         jacobian, turning, own = (np.zeros((*shape, width)) for width in (layout.size, 3, 2))
         self._fill_sensors(jacobian, turning, at, layout)
-        jacobian[:, 6:, :, layout.pointing] = np.swapaxes(at.attitudes[self.shots] @ across(at.pointing), 1, 2)
-        turning[:, 6:] = np.swapaxes(-cross_matrices(self.aimed(at)), 1, 2)
+        jacobian[:, 6:, :, layout.pointing] = np.swapaxes(
+            at.attitudes[self.shots] @ perpendicular_vectors(at.pointing), 1, 2
+        )
+        turning[:, 6:] = np.swapaxes(-cross_matrices(self.aim_directions(at)), 1, 2)
         row, place = np.nonzero(self.weight)
         for axis in range(3):
             columns = layout.attitudes.start + 3 * self.shots[row, place] + axis
             jacobian[row, :, place, columns] = turning[row, :, place, axis]
-        own[:, 6:] = -across(directions)[:, :, np.newaxis]
+        own[:, 6:] = -perpendicular_vectors(directions)[:, :, np.newaxis]
         scale = np.sqrt(self.weight)[:, np.newaxis, :, np.newaxis] / np.repeat(noises, 3)[:, np.newaxis, np.newaxis]
         residual, nothing, count = self.residuals(at, directions, noises), np.zeros(shape), float(self.weight.sum())
         counts = (3.0 * count, 3.0 * count, 2.0 * count)
@@ -279,14 +285,16 @@ class ShotGroup:
         )
         for first, (reading, own, columns, world, place) in zip((0, 3), sensors, strict=True):
             group = ObservationGroup(self.shots, reading, np.ones_like(self.weight))
-            jacobian[:, first : first + 3, :, place] = jacobian_of(group, own, back @ world, columns, Weights(1.0))
-            turned = own.ellipsoid_like @ back @ cross_matrices(world)
+            jacobian[:, first : first + 3, :, place] = weighted_jacobian(
+                group, own, back @ world, columns, Weights(1.0)
+            )
+            turned = own.rotated_shape @ back @ cross_matrices(world)
             turning[:, first : first + 3] = np.swapaxes(turned, 1, 2)
         if layout.is_quadratic:
             jacobian[:, 3:6, :, layout.quadratic] = -np.einsum(
                 "wni,ij->winj", self.gravity**2 / layout.gravity, np.eye(3)
             )
-        steeper = back @ [-at.field[2], 0.0, at.field[0]] @ at.magnetometer.ellipsoid_like.T
+        steeper = back @ [-at.field[2], 0.0, at.field[0]] @ at.magnetometer.rotated_shape.T
         jacobian[:, :3, :, layout.dip.start] = np.swapaxes(steeper, 1, 2)
 
 
@@ -300,8 +308,8 @@ class SurveyProblem:
     group: ShotGroup
     layout: SurveyLayout
     priors: tuple[SensorPrior, SensorPrior]  # of magnetometer and accelerometer
-    tolerance: ClassVar[float] = NO_WORSE
-    settled: ClassVar[float] = SETTLED
+    tolerance: ClassVar[float] = MAX_COST_INCREASE
+    last_step: ClassVar[float] = LAST_STEP_SIGMAS
 
     @classmethod
     def of(cls, magnetic: Floats, gravity: Floats, groups: NDArray[np.intp], *, is_quadratic: bool = False) -> Self:
@@ -319,26 +327,26 @@ class SurveyProblem:
         """Normal equations of the prior."""
         size, layout = self.layout.size, self.layout
         whole = NormalEquations(np.zeros((size, size)), np.zeros(size), 0.0, 0)
-        whole += self.priors[0].equations(at.magnetometer, MAGNETOMETER).placed(layout.magnetometer, size)
-        whole += self.priors[1].equations(at.accelerometer, ACCELEROMETER).placed(layout.accelerometer, size)
-        left = across(at.pointing).T @ (FORWARD - at.pointing) / ROTATION_SIGMA
+        whole += self.priors[0].equations(at.magnetometer, MAGNETOMETER).place_block(layout.magnetometer, size)
+        whole += self.priors[1].equations(at.accelerometer, ACCELEROMETER).place_block(layout.accelerometer, size)
+        left = perpendicular_vectors(at.pointing).T @ (FORWARD - at.pointing) / ROTATION_SIGMA
         own = NormalEquations(np.eye(2) / ROTATION_SIGMA**2, left / ROTATION_SIGMA, float(left @ left), 0)
-        whole += own.placed(layout.pointing, size)
+        whole += own.place_block(layout.pointing, size)
         if layout.is_quadratic:
             curve = layout.gravity * at.quadratic / QUADRATIC_SPREAD
             own = NormalEquations(np.eye(3) / QUADRATIC_SPREAD**2, -curve / QUADRATIC_SPREAD, float(curve @ curve), 0)
-            whole += own.placed(layout.quadratic, size)
+            whole += own.place_block(layout.quadratic, size)
         return whole
 
-    def reweighed(self, iterate: SurveyIterate, _: Equations) -> SurveyIterate:
+    def reweigh(self, iterate: SurveyIterate, _: Equations) -> SurveyIterate:
         """Weight each kind of residual by its estimated standard deviation."""
         influence = Influence.of(self, iterate)
-        return replace(iterate, weights=np.maximum(iterate.weights * influence.factors, finest(iterate.at)))
+        return replace(iterate, weights=np.maximum(iterate.weights * influence.factors, min_sigmas(iterate.at)))
 
 
-def finest(at: SurveyParameters) -> Floats:
+def min_sigmas(at: SurveyParameters) -> Floats:
     """(3,) smallest standard deviation of each kind of residual."""
-    return np.array([at.magnetometer.radius * FINEST, at.accelerometer.radius * FINEST, FINEST_AIM])
+    return np.array([at.magnetometer.radius * MIN_NOISE, at.accelerometer.radius * MIN_NOISE, MIN_AIM_SIGMA_RAD])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -418,10 +426,10 @@ def attitudes_of(field: Floats, down: Floats) -> Floats:
     return unit
 
 
-def begin(magnetic: Floats, gravity: Floats) -> SurveyParameters:
+def start_parameters(magnetic: Floats, gravity: Floats) -> SurveyParameters:
     """Parameters to start from: a sphere for both sensors, stated axes, and attitudes by the readings."""
     sensors = [Parameters.at(centre, radius * np.eye(3)) for centre, radius in map(sphere_through, (magnetic, gravity))]
     at = SurveyParameters(sensors[0], sensors[1], 0.0, FORWARD, np.empty((0, 3, 3)))
-    field, down = (vectors / lengths(vectors)[:, np.newaxis] for vectors in at.corrected(magnetic, gravity))
+    field, down = (vectors / lengths(vectors)[:, np.newaxis] for vectors in at.corrected_directions(magnetic, gravity))
     sine = float(np.mean(np.einsum("ni,ni->n", field, down)))
     return replace(at, dip=float(np.arcsin(sine)), attitudes=attitudes_of(field, down))

@@ -6,7 +6,7 @@ departure of S/R from the identity (R the mean semi-axis) is about `spread`, equ
     cost = |dev(S)/R|² / (2 spread²)
 
 with dev(S) = S − R·1 and the Frobenius norm, so that each off-diagonal entry has the standard
-deviation `spread`. This prior is independent of centre and size; `sense` limits these two if nothing
+deviation `spread`. This prior is independent of centre and size; `plausibility_equations` limits these two if nothing
 else does. With readings in all directions the prior has a negligible effect. Where readings are missing,
 the fit returns no soft iron, with an uncertainty of `spread`.
 
@@ -22,18 +22,18 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.geometry.ellipsoid import Ellipsoid, upper
+from flinders.geometry.ellipsoid import Ellipsoid, upper_entries
 from flinders.likelihood.equations import NormalEquations
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.likelihood.parameters import ParameterLayout, Parameters
 
-SPREAD: Final = 0.3
+SOFT_IRON_SPREAD: Final = 0.3
 """Default of `spread`; the soft iron of usual mountings is smaller."""
 
 PLAUSIBLE_SPREADS: Final = 10.0
-"""Standard deviation of centre and size in `sense`, relative to the spread of the readings."""
+"""Standard deviation of centre and size in `plausibility_equations`, relative to the spread of the readings."""
 
 # Deviator of the entries 11, 22, 33, 12, 13, 23; an off-diagonal entry occurs twice in the matrix.
 DEVIATOR_MATRIX: Final = np.zeros((6, 6))
@@ -41,9 +41,9 @@ DEVIATOR_MATRIX[:3, :3] = np.eye(3) - 1.0 / 3.0
 DEVIATOR_MATRIX[3:, 3:] = np.sqrt(2.0) * np.eye(3)
 
 
-def equations(ellipsoid: Ellipsoid, *, spread: float = SPREAD) -> NormalEquations:
+def equations(ellipsoid: Ellipsoid, *, spread: float = SOFT_IRON_SPREAD) -> NormalEquations:
     """Normal equations of the prior of the shape, at an ellipsoid."""
-    entries = upper(ellipsoid.shape)
+    entries = upper_entries(ellipsoid.shape)
     scale = np.sqrt(2.0) * spread * float(entries[:3].mean())
     residual: Floats = DEVIATOR_MATRIX @ entries / scale
     jacobian = np.zeros((6, 9))
@@ -52,7 +52,7 @@ def equations(ellipsoid: Ellipsoid, *, spread: float = SPREAD) -> NormalEquation
     return NormalEquations(jacobian.T @ jacobian, jacobian.T @ residual, float(residual @ residual), 0)
 
 
-def sense(ellipsoid: Ellipsoid, middle: Floats, spread: float) -> NormalEquations:
+def plausibility_equations(ellipsoid: Ellipsoid, middle: Floats, spread: float) -> NormalEquations:
     """Normal equations that keep centre and size in a plausible range if the readings do not determine them.
 
     1 σ of the centre, and of the size, is ten times the spread of the readings about their mean. A level turn does not
@@ -72,14 +72,16 @@ def sense(ellipsoid: Ellipsoid, middle: Floats, spread: float) -> NormalEquation
 class KnownShape:
     """Prior of the shape from an earlier calibration."""
 
-    entries: Floats  # (6,): in the order of `flinders.geometry.ellipsoid.upper`
+    entries: Floats  # (6,): in the order of `flinders.geometry.ellipsoid.upper_entries`
     covariance: Floats  # (6, 6): positive definite
 
     def equations(self, ellipsoid: Ellipsoid) -> NormalEquations:
         """Normal equations of this prior, at an ellipsoid."""
-        left = self.entries - upper(ellipsoid.shape)
+        left = self.entries - upper_entries(ellipsoid.shape)
         precision = np.linalg.inv(self.covariance)
-        return NormalEquations(precision, precision @ left, float(left @ precision @ left), 0).placed(slice(3, 9), 9)
+        return NormalEquations(precision, precision @ left, float(left @ precision @ left), 0).place_block(
+            slice(3, 9), 9
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,7 +90,7 @@ class SensorPrior:
 
     spread: float  # departure of the shape from a sphere, see `equations`
     middle: Floats  # (3,): mean reading
-    width: float  # root mean square distance of the readings from `middle`, see `sense`
+    width: float  # root mean square distance of the readings from `middle`, see `plausibility_equations`
     rotation: Floats  # (3, 3): mean of the prior of the rotation
     # standard deviations of blocks, by name, that replace those of `flinders.likelihood.parameters.BLOCKS`
     sigmas: dict[str, float] = field(default_factory=dict)
@@ -108,7 +110,7 @@ class SensorPrior:
         from flinders.likelihood.parameters import BLOCKS
 
         matrix, gradient = np.zeros((layout.size, layout.size)), np.zeros(layout.size)
-        shape = self._shape_equations(at.ellipsoid) + sense(at.ellipsoid, self.middle, self.width)
+        shape = self._shape_equations(at.ellipsoid) + plausibility_equations(at.ellipsoid, self.middle, self.width)
         matrix[:9, :9], gradient[:9], cost = shape.matrix, shape.gradient, shape.cost
         for name, _, usual in BLOCKS:
             if usual is not None and name in layout:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 MAD_TO_SIGMA: Final = 1.4826
 """Ratio of the standard deviation of a normal distribution to the median of its absolute values."""
 
-HUBER: Final = 2.5
+HUBER_SIGMAS: Final = 2.5
 """Residual in standard deviations from which the weight is reduced."""
 
 
@@ -28,10 +28,10 @@ def robust_sigma(residuals: Floats) -> float:
     return MAD_TO_SIGMA * float(np.median(np.abs(residuals)))
 
 
-def huber(residuals: Floats, *, beyond: float = HUBER) -> Floats:
+def huber_weights(residuals: Floats, *, beyond: float = HUBER_SIGMAS) -> Floats:
     """Huber's weights of residuals in standard deviations: 1 up to `beyond`, then ``beyond / |r|``.
 
-    >>> huber(np.array([0.5, -5.0]))
+    >>> huber_weights(np.array([0.5, -5.0]))
     array([1. , 0.5])
     """
     weights: Floats = beyond / np.maximum(np.abs(residuals), beyond)

@@ -24,20 +24,20 @@ from typing import TYPE_CHECKING, ClassVar, Self, TypeAlias
 import numpy as np
 
 from flinders.geometry.rotation import lengths
-from flinders.likelihood.equations import FINEST, NormalEquations
+from flinders.likelihood.equations import MIN_NOISE, NormalEquations
 from flinders.likelihood.observations import (
-    ROOM,
-    Linearised,
+    CHUNK_READINGS,
+    EliminatedEquations,
     ObservationGroup,
     ObservationRows,
     Weights,
-    eliminated,
-    residuals_of,
-    rows_of,
+    eliminate_directions,
+    residual_rows,
+    unweighted_residuals,
 )
 from flinders.likelihood.parameters import ParameterLayout, Parameters
 from flinders.likelihood.prior import SensorPrior
-from flinders.likelihood.solver import NO_WORSE, SETTLED, Iterate
+from flinders.likelihood.solver import LAST_STEP_SIGMAS, MAX_COST_INCREASE, Iterate
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -82,15 +82,15 @@ class Sensors:
         """Whether all surfaces are ellipsoids."""
         return all(at.is_closed for at in self.each)
 
-    def moved(self, step: Floats, layout: SensorLayout) -> Self:
+    def take_step(self, step: Floats, layout: SensorLayout) -> Self:
         """Parameters after a (P,) step."""
         parts = zip(self.each, layout.columns, layout.each, strict=True)
-        return type(self)(tuple(at.moved(step[columns], own) for at, columns, own in parts))
+        return type(self)(tuple(at.take_step(step[columns], own) for at, columns, own in parts))
 
-    def relative(self, step: Floats, layout: SensorLayout) -> float:
+    def relative_step(self, step: Floats, layout: SensorLayout) -> float:
         """Largest change by a (P,) step: of offset and shape relative to their sensor's radius, of rotations in rad."""
         parts = list(zip(self.each, layout.columns, layout.each, strict=True))
-        moved = [at.relative(step[columns], own) for at, columns, own in parts]
+        moved = [at.relative_step(step[columns], own) for at, columns, own in parts]
         return max(*moved, *(float(np.abs(step[columns][9:]).max(initial=0.0)) for columns in layout.columns))
 
 
@@ -106,9 +106,9 @@ class SensorGroup:
         """Make the group of (m, N, 3) readings, NaN if a sensor has none."""
         recorded = np.asarray(np.isfinite(fields).all(axis=2))
         groups = [ObservationGroup.of(field[:, np.newaxis]) for field in np.nan_to_num(fields)]
-        return cls(tuple(groups)).weighed(recorded)
+        return cls(tuple(groups)).weight_inliers(recorded)
 
-    def weighed(self, inliers: NDArray[np.bool_]) -> Self:
+    def weight_inliers(self, inliers: NDArray[np.bool_]) -> Self:
         """The group with weights 1 for (m, N) inliers and 0 for others."""
         weights = inliers.astype(float)[..., np.newaxis]
         return type(self)(tuple(replace(group, weight=own) for group, own in zip(self.each, weights, strict=True)))
@@ -118,9 +118,9 @@ class SensorGroup:
         """(m, N) whether each reading has a weight."""
         return np.stack([group.weight[:, 0] > 0.0 for group in self.each])
 
-    def every(self, step: int) -> Self:
+    def thin_windows(self, step: int) -> Self:
         """The group with one of `step` times."""
-        return type(self)(tuple(group.every(step) for group in self.each))
+        return type(self)(tuple(group.thin_windows(step) for group in self.each))
 
     def at(self, _: Sensors) -> Self:
         """The same group, which does not depend on the parameters."""
@@ -130,7 +130,7 @@ class SensorGroup:
         """(N, 3) mean direction of the sensors at each time, weighted by their (m,) noise."""
         total = np.zeros((len(self.each[0].field), 3))
         for group, own, radius, sigma in zip(self.each, at.each, at.radii, noise, strict=True):
-            seen = group.centred(own)[:, 0] @ np.linalg.inv(own.ellipsoid_like).T
+            seen = group.subtract_offset(own)[:, 0] @ np.linalg.inv(own.rotated_shape).T
             total += seen * group.weight * (radius / sigma) ** 2
         length = np.linalg.norm(total, axis=1, keepdims=True)
         unit: Floats = np.where(length > 0.0, total / np.where(length > 0.0, length, 1.0), [1.0, 0.0, 0.0])
@@ -139,18 +139,20 @@ class SensorGroup:
     def distances(self, at: Sensors, directions: Floats, noise: Floats) -> Floats:
         """(m, N) length of each residual in the sensor's standard deviations, regardless of its weight."""
         parts = zip(self.each, at.each, noise.tolist(), strict=True)
-        return np.stack([lengths(residuals_of(group, own, directions)[0][:, 0]) / sigma for group, own, sigma in parts])
+        return np.stack(
+            [lengths(unweighted_residuals(group, own, directions)[0][:, 0]) / sigma for group, own, sigma in parts]
+        )
 
     def cost(self, at: Sensors, directions: Floats, noise: Floats) -> float:
         """Σ r² in standard deviations."""
         parts = zip(self.each, at.each, noise.tolist(), strict=True)
         return sum(group.cost(own, directions, Weights(sigma)) for group, own, sigma in parts)
 
-    def linearised(self, at: Sensors, directions: Floats, layout: SensorLayout, noise: Floats) -> Linearised:
+    def linearise(self, at: Sensors, directions: Floats, layout: SensorLayout, noise: Floats) -> EliminatedEquations:
         """Normal equations at given parameters and directions, with the directions eliminated; computed in chunks."""
-        return Linearised.joined([
-            eliminated(self._chunk(rows).rows(at, directions[rows], layout, noise))
-            for rows in (slice(begin, begin + ROOM) for begin in range(0, len(directions), ROOM))
+        return EliminatedEquations.joined([
+            eliminate_directions(self._chunk(rows).rows(at, directions[rows], layout, noise))
+            for rows in (slice(begin, begin + CHUNK_READINGS) for begin in range(0, len(directions), CHUNK_READINGS))
         ])  # fmt: skip
 
     def _chunk(self, rows: slice) -> Self:
@@ -160,7 +162,7 @@ class SensorGroup:
     def rows(self, at: Sensors, directions: Floats, layout: SensorLayout, noise: Floats) -> ObservationRows:
         """(N, 3, m) residuals and (N, 3, m, P) Jacobians in standard deviations; each sensor is a kind of residual."""
         parts = [
-            rows_of(group, own, directions, columns, Weights(sigma))
+            residual_rows(group, own, directions, columns, Weights(sigma))
             for group, own, columns, sigma in zip(self.each, at.each, layout.each, noise.tolist(), strict=True)
         ]
         jacobian = np.zeros((layout.size, 3, len(directions), len(parts))).transpose(2, 1, 3, 0)
@@ -185,8 +187,8 @@ class SensorProblem:
     group: SensorGroup  # with all recorded readings
     layout: SensorLayout
     priors: tuple[SensorPrior, ...]
-    tolerance: ClassVar[float] = NO_WORSE
-    settled: ClassVar[float] = SETTLED
+    tolerance: ClassVar[float] = MAX_COST_INCREASE
+    last_step: ClassVar[float] = LAST_STEP_SIGMAS
 
     @classmethod
     def of(cls, fields: Floats, at: Sensors, *, reference: int, spread: float) -> Self:
@@ -200,7 +202,7 @@ class SensorProblem:
 
     def initial(self, at: Sensors, noise: Floats, inliers: NDArray[np.bool_] | None = None) -> SensorIterate:
         """Start of the iteration at given parameters and (m,) noises, with all readings or (m, N) inliers."""
-        group = self.group if inliers is None else self.group.weighed(inliers)
+        group = self.group if inliers is None else self.group.weight_inliers(inliers)
         return Iterate(at, (group,), (group.guess(at, noise),), noise)
 
     def prior_equations(self, at: Sensors) -> NormalEquations:
@@ -214,7 +216,7 @@ class SensorProblem:
             matrix[columns, columns], gradient[columns], cost = part.matrix, part.gradient, cost + part.cost
         return NormalEquations(matrix, gradient, cost, 0)
 
-    def reweighed(self, iterate: SensorIterate, equations: Equations) -> SensorIterate:
+    def reweigh(self, iterate: SensorIterate, equations: Equations) -> SensorIterate:
         """Weight each sensor by its estimated noise."""
         factors = equations.noise_factors(np.array([float(layout.size) for layout in self.layout.each]))
-        return replace(iterate, weights=np.maximum(iterate.weights * factors, FINEST * iterate.at.radii))
+        return replace(iterate, weights=np.maximum(iterate.weights * factors, MIN_NOISE * iterate.at.radii))

@@ -101,7 +101,7 @@ class Site(ShortRepr):
         return cls(field.strength, field.inclination_deg, **{**usual, **more})
 
     @classmethod
-    def stated(
+    def merge_stated(
         cls, known: Self | None = None, *, strength: float | None = None, inclination_deg: float | None = None
     ) -> Self | None:
         """Merge a known site with numbers stated by the user, without uncertainty; None without either.
@@ -135,7 +135,7 @@ class Site(ShortRepr):
         return replace(self, strength=strength, inclination_deg=inclination_deg)
 
     @property
-    def judged(self) -> Self:
+    def for_judgement(self) -> Self:
         """Site for the judgement of a fit: length of corrected readings, dip and mounting, without uncertainties."""
         return type(self)(self.fixed_length, self.inclination_deg, alignment_sigma_deg=self.alignment_sigma_deg)
 

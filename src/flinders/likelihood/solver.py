@@ -10,7 +10,7 @@ eliminated (a Schur complement, see `flinders.likelihood.observations`). A dampe
     (N + λ diag N) δ = g,        N = Σ JᵀJ + prior,        g = Σ Jᵀr + prior
 
 The step is accepted if χ² does not grow; otherwise the damping λ is increased. After each step the standard deviations
-are estimated from the residuals by Fisher scoring for variance components. At the end `bias_corrected` subtracts the
+are estimated from the residuals by Fisher scoring for variance components. At the end `correct_bias` subtracts the
 mean gradient by noise on the curved sphere of directions.
 
 A problem defines its groups, its prior, and the weights of its residuals: `flinders.likelihood.joint` for a
@@ -38,12 +38,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from flinders.arrays import Floats
-    from flinders.likelihood.observations import Linearised
+    from flinders.likelihood.observations import EliminatedEquations
 
-STEPS: Final = 60
+MAX_STEPS: Final = 60
 """Largest number of Levenberg–Marquardt steps; ten are usual."""
 
-SETTLED: Final = 1e-3
+LAST_STEP_SIGMAS: Final = 1e-3
 """Length of the last step in standard deviations, root mean square over the parameters; a problem may set another."""
 
 MAX_STEP: Final = 0.5
@@ -52,7 +52,7 @@ MAX_STEP: Final = 0.5
 INITIAL_DAMPING, MIN_DAMPING, MAX_DAMPING = 1e-3, 1e-12, 1e9
 """Damping at the start, and its range; at the largest damping no step improves the fit."""
 
-NO_WORSE: Final = 1e-6
+MAX_COST_INCREASE: Final = 1e-6
 """Largest increase of χ² by an accepted step, besides rounding."""
 
 MIN_VARIANCE_FACTOR: Final = 0.2
@@ -61,11 +61,11 @@ MIN_VARIANCE_FACTOR: Final = 0.2
 MAX_SIGMA_CHANGE: Final = 1e-2
 """Largest relative change of a standard deviation at convergence."""
 
-CORRECTED: Final = 8
+MAX_CORRECTION_STEPS: Final = 8
 """Largest number of steps with the mean gradient of the noise subtracted."""
 
-EASED: Final = 0.03
-"""Length of the last of these steps in standard deviations; the next one would be shorter than `SETTLED`."""
+LAST_CORRECTION_SIGMAS: Final = 0.03
+"""Length of the last of these steps in standard deviations; the next one would be shorter than `LAST_STEP_SIGMAS`."""
 
 
 Values: TypeAlias = Any
@@ -79,10 +79,10 @@ class ParameterSet(Protocol):
     def is_closed(self) -> bool:
         """Whether all surfaces are ellipsoids."""
 
-    def moved(self, step: Floats, layout: Values) -> Self:
+    def take_step(self, step: Floats, layout: Values) -> Self:
         """Values after a (P,) step."""
 
-    def relative(self, step: Floats, layout: Values) -> float:
+    def relative_step(self, step: Floats, layout: Values) -> float:
         """Largest change by a (P,) step, relative to the radii of the surfaces."""
 
 
@@ -92,7 +92,7 @@ class Observations(Protocol):
     def at(self, at: Values) -> Self:
         """The group updated for other parameters."""
 
-    def linearised(self, at: Values, directions: Floats, layout: Values, weights: Values) -> Linearised:
+    def linearise(self, at: Values, directions: Floats, layout: Values, weights: Values) -> EliminatedEquations:
         """Normal equations, with the directions eliminated."""
 
     def cost(self, at: Values, directions: Floats, weights: Values) -> float:
@@ -126,13 +126,13 @@ class Problem(Protocol[P, G, W]):
         """Largest increase of χ² by an accepted step."""
 
     @property
-    def settled(self) -> float:
+    def last_step(self) -> float:
         """Length of the last step in standard deviations."""
 
     def prior_equations(self, at: P) -> NormalEquations:
         """Normal equations of the prior."""
 
-    def reweighed(self, iterate: Iterate[P, G, W], equations: Equations) -> Iterate[P, G, W]:
+    def reweigh(self, iterate: Iterate[P, G, W], equations: Equations) -> Iterate[P, G, W]:
         """The iterate with new weights by its residuals."""
 
 
@@ -140,7 +140,7 @@ class Problem(Protocol[P, G, W]):
 class Equations:
     """Normal equations of all groups and of the prior, in standard deviations."""
 
-    parts: tuple[Linearised, ...]  # one for each group
+    parts: tuple[EliminatedEquations, ...]  # one for each group
     matrix: Floats  # (P, P): N of the groups without the prior
     gradient: Floats  # (P,): of the groups without the prior
     bent: Floats  # (P,): mean gradient by noise, because the sphere of directions is curved
@@ -150,7 +150,7 @@ class Equations:
     def of(cls, problem: Problem[P, G, W], iterate: Iterate[P, G, W]) -> Self:
         """Linearise all groups."""
         parts = tuple(
-            group.linearised(iterate.at, directions, problem.layout, iterate.weights)
+            group.linearise(iterate.at, directions, problem.layout, iterate.weights)
             for group, directions in zip(iterate.groups, iterate.directions, strict=True)
         )
         size = problem.layout.size
@@ -165,7 +165,7 @@ class Equations:
         return self.prior.cost + sum(part.cost for part in self.parts)
 
     @property
-    def whole(self) -> NormalEquations:
+    def with_prior(self) -> NormalEquations:
         """Normal equations with the prior, without bias correction."""
         return self.unbiased(-self.bent) + self.prior
 
@@ -194,7 +194,9 @@ class Equations:
         return math.sqrt(squares / max(expected, 1.0))
 
 
-def levenberg_marquardt(problem: Problem[P, G, W], iterate: Iterate[P, G, W], steps: int = STEPS) -> Iterate[P, G, W]:
+def levenberg_marquardt(
+    problem: Problem[P, G, W], iterate: Iterate[P, G, W], steps: int = MAX_STEPS
+) -> Iterate[P, G, W]:
     """Iterate until steps are small in standard deviations; weights are estimated after each step.
 
     Parameters
@@ -215,8 +217,8 @@ def levenberg_marquardt(problem: Problem[P, G, W], iterate: Iterate[P, G, W], st
     for _ in range(steps):
         equations = Equations.of(problem, iterate)
         step, moved, damping = _accept_step(problem, iterate, equations, damping)
-        weighed = problem.reweighed(iterate if moved is None else moved, equations)
-        is_small = moved is None or (_length(equations, step) < problem.settled**2 * len(step) and damping < 1.0)
+        weighed = problem.reweigh(iterate if moved is None else moved, equations)
+        is_small = moved is None or (_length(equations, step) < problem.last_step**2 * len(step) and damping < 1.0)
         is_done = is_small and _have_converged(weighed.weights, iterate.weights)
         iterate, damping = weighed, min(damping, 1.0)
         if is_done:
@@ -224,12 +226,12 @@ def levenberg_marquardt(problem: Problem[P, G, W], iterate: Iterate[P, G, W], st
     return iterate
 
 
-def bias_corrected(
+def correct_bias(
     problem: Problem[P, G, W],
     iterate: Iterate[P, G, W],
     bias: Floats | float = 0.0,
     observed: Callable[[Iterate[P, G, W], NormalEquations], NormalEquations] | None = None,
-    steps: int = CORRECTED,
+    steps: int = MAX_CORRECTION_STEPS,
 ) -> tuple[Iterate[P, G, W], Equations]:
     """Subtract the mean gradient by noise in Gauss–Newton steps; returns the iterate and its equations.
 
@@ -254,8 +256,8 @@ def bias_corrected(
         moved = take_step(problem, iterate, equations, step)
         if moved is None:
             break
-        iterate = problem.reweighed(moved, equations)
-        if _length(equations, step) < EASED**2:
+        iterate = problem.reweigh(moved, equations)
+        if _length(equations, step) < LAST_CORRECTION_SIGMAS**2:
             break
     return iterate, Equations.of(problem, iterate)
 
@@ -275,7 +277,7 @@ def take_step(
     problem: Problem[P, G, W], iterate: Iterate[P, G, W], equations: Equations, step: Floats
 ) -> Iterate[P, G, W] | None:
     """Iterate after a (P,) step, with its directions; None if a surface is not closed."""
-    at = iterate.at.moved(step, problem.layout)
+    at = iterate.at.take_step(step, problem.layout)
     if not at.is_closed:
         return None
     groups = tuple(group.at(at) for group in iterate.groups)
@@ -289,7 +291,7 @@ def _accept_step(
     problem: Problem[P, G, W], iterate: Iterate[P, G, W], equations: Equations, damping: float
 ) -> tuple[Floats, Iterate[P, G, W] | None, float]:
     """Step damped until χ² does not grow, the iterate after it or None if there is none, and the next damping."""
-    whole, most = equations.whole, equations.cost * (1.0 + 1e-9) + problem.tolerance
+    whole, most = equations.with_prior, equations.cost * (1.0 + 1e-9) + problem.tolerance
     step: Floats = whole.gradient
     while damping < MAX_DAMPING:
         step = damped_step(whole.matrix, whole.gradient, damping)
@@ -302,7 +304,7 @@ def _accept_step(
 
 def _shorten(problem: Problem[P, G, W], iterate: Iterate[P, G, W], step: Floats) -> Floats:
     """Shorten a step so that no surface moves by more than `MAX_STEP` of its radius."""
-    return step * min(1.0, MAX_STEP / max(iterate.at.relative(step, problem.layout), 1e-300))
+    return step * min(1.0, MAX_STEP / max(iterate.at.relative_step(step, problem.layout), 1e-300))
 
 
 def _cost(problem: Problem[P, G, W], iterate: Iterate[P, G, W]) -> float:

@@ -17,7 +17,7 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Final
 
-from flinders.core.units import label
+from flinders.core.units import unit_label
 from flinders.errors import UnreadableInput
 from flinders.links.feeds import FeedEvent
 from flinders.links.recorder import RecordedFeed
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from flinders.core.samples import Samples
     from flinders.links.feeds import Feed, Received
-    from flinders.links.recorder import Resumed, Sink
+    from flinders.links.recorder import ResumedRecording, Sink
 
 WAIT_S: Final = 0.1  # Longest wait for readings, the delay at the end of a recording
 WATCH_S: Final = 0.5
@@ -62,7 +62,7 @@ def record_feed(
     *,
     seconds: float | None = None,
     readings: int | None = None,
-    resumed: Resumed | None = None,
+    resumed: ResumedRecording | None = None,
     stopped: Callable[[], bool] = lambda: False,
     say: Callable[[str], None] = lambda _: None,
     watch: Callable[[RecordingStatistics], None] | None = None,
@@ -114,7 +114,7 @@ def _announce(event: FeedEvent, statistics: RecordingStatistics, say: Callable[[
 
 def _count(samples: Samples, statistics: RecordingStatistics) -> None:
     """Add readings and their field strengths to the statistics."""
-    statistics.unit = label(samples.unit.inside)
+    statistics.unit = unit_label(samples.unit.inside)
     for at in () if samples.time is None else samples.time.tolist():
         statistics.count_row(at)
     statistics.measure(samples.field)

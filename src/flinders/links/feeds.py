@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Recording
 
-AT_ONCE: Final = 500  # Largest count of readings that are returned together
+CHUNK_READINGS: Final = 500  # Largest count of readings that are returned together
 ASSUMED_HZ: Final = 50.0  # Readings per second of a recording without times
 MAX_GAP_S: Final = 2.0  # Longest pause in a playback; longer ones are shortened
 MIN_WAIT_S: Final = 1e-4  # Shortest wait
@@ -148,7 +148,7 @@ class Replay:
             self._load()
         if self._is_over:
             return self._end_event(timeout)
-        ready = AT_ONCE if self._speed is None else self._due_count(timeout)
+        ready = CHUNK_READINGS if self._speed is None else self._due_count(timeout)
         taken, self._block, self._due = self._block[:ready], self._block[ready:], self._due[ready:]
         return taken if len(taken) else None
 
@@ -189,7 +189,7 @@ class Replay:
         if wait > 0:
             self._sleep(max(min(wait, timeout), MIN_WAIT_S))
         ready = int(np.searchsorted(self._due, self._clock() - self._start, side="right"))
-        return min(ready, AT_ONCE)
+        return min(ready, CHUNK_READINGS)
 
     def _end_event(self, timeout: float) -> FeedEvent | None:
         if not self._has_ended:
@@ -286,7 +286,7 @@ class FeedThread(threading.Thread):
             with contextlib.suppress(FlindersError):
                 self._feed.close()
 
-    def taken(self) -> list[Samples | FeedEvent]:
+    def take(self) -> list[Samples | FeedEvent]:
         """Readings and events since the last call, in order."""
         received = []
         while self._queue:

@@ -43,7 +43,9 @@ MAX_LINE_BYTES: Final = 4096
 MOTIONCAL_SLACK, MOTIONCAL_SHARE = 0.0001, 0.00003
 MIN_PLACES: Final = 2
 """Smallest count of decimals by which an echo is compared, also if it prints fewer."""
-EITHER: Final = "the board may hold the old values or the new ones"  # State of the board if the packet was already sent
+UNKNOWN_VALUES: Final = (
+    "the board may hold the old values or the new ones"  # State of the board if the packet was already sent
+)
 REOPEN_S: Final = 0.1  # Time between tries to open a port again
 NUMBER: Final = re.compile(r"[-+]?\d+(?:\.(\d*))?")
 NUMBER_COUNTS: Final = {"Cal1": 10, "Cal2": 9}
@@ -56,10 +58,10 @@ class Echo:
     values: tuple[float, ...]
     places: tuple[int, ...]
 
-    def differs(self, expected: tuple[float, ...]) -> int | None:
+    def first_difference(self, expected: tuple[float, ...]) -> int | None:
         """Index of the first number that differs from the expected one; None if all agree.
 
-        >>> Echo.of("12.346,-0.500", 2).differs((12.3456, -0.5)), Echo.of("12.346,-0.51", 2).differs((12.3456, -0.5))
+        >>> Echo.of("12.346,-0.500", 2).first_difference((12.3456, -0.5)), Echo.of("12.346,-0.51", 2).first_difference((12.3456, -0.5))
         (None, 1)
         """
         for place, (number, digits, wanted) in enumerate(zip(self.values, self.places, expected, strict=True)):
@@ -79,7 +81,7 @@ class Echo:
 
 
 @dataclass(frozen=True, slots=True)
-class Confirmed:
+class Confirmation:
     """Confirmation by a board, with the compared decimals and the count of tries."""
 
     places: int
@@ -92,7 +94,7 @@ class Confirmed:
 
 def send(
     source: ByteSource, packet: MotionCalPacket, *, tries: int = TRIES, answer: float = ANSWER_S, boot: float = BOOT_S
-) -> Confirmed:
+) -> Confirmation:
     """Send a packet until the board confirms it.
 
     Parameters
@@ -127,11 +129,11 @@ def send(
             for piece in [content] if attempt == 1 else _pieces(content):
                 source.write(piece)
             if (echoes := listener.echo(expected, answer)) is not None:
-                return Confirmed(min(min(echo.places) for echo in echoes), attempt)
+                return Confirmation(min(min(echo.places) for echo in echoes), attempt)
         except LinkError as error:  # a board that restarts is disconnected for a moment
             lost = error
     if lost is not None:
-        raise NotConfirmed(f"{lost}; the packet was being sent, so that {EITHER}: plug it in and send again")
+        raise NotConfirmed(f"{lost}; the packet was being sent, so that {UNKNOWN_VALUES}: plug it in and send again")
     raise NotConfirmed(f"sent {tries} times and not confirmed: {listener.complaint(expected)}")
 
 
@@ -184,14 +186,16 @@ class _EchoListener:
         until = time.monotonic() + seconds
         while time.monotonic() < until:
             self._take(until)
-            if all(name in self.echoes and self.echoes[name].differs(expected[name]) is None for name in expected):
+            if all(
+                name in self.echoes and self.echoes[name].first_difference(expected[name]) is None for name in expected
+            ):
                 return list(self.echoes.values())
         return None
 
     def complaint(self, expected: dict[str, tuple[float, ...]]) -> str:
         """Sentence on the output in place of the echo, with a remedy."""
         for name, echo in self.known.items():
-            if (place := echo.differs(expected[name])) is not None:
+            if (place := echo.first_difference(expected[name])) is not None:
                 number = f"{echo.values[place]:g} in place of {expected[name][place]:.6g}"
                 return self._values_complaint(name, f"{number} (number {place + 1} of its {name} line)")
         unknown = "it is unknown whether the board has accepted the packet"
@@ -211,7 +215,7 @@ class _EchoListener:
         """Sentence on an echo of other values, with a remedy, by comparison with an echo from before sending."""
         if name not in self.echoes:
             return (
-                f"the board printed {wrong} before, and no such line since: {EITHER}; look at its output with flinders "
+                f"the board printed {wrong} before, and no such line since: {UNKNOWN_VALUES}; look at its output with flinders "
                 "record, and send again"
             )
         if name in self.before and self.before[name].values == self.known[name].values:

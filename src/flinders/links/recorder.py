@@ -8,7 +8,7 @@ forced to the disk every second, so that a crash of the machine loses at most 1 
 >>> from flinders.links.transports import Scripted
 >>> file = Path(tempfile.mkdtemp()) / "tumble.csv"
 >>> board = Scripted([b"booting\r\nRaw:0,0,8192,0,0,0,217,4,-5", b"86\r\nRaw:0,0,8192,0,0,0,217,2,-587\r\n"])
->>> with ToFile(file) as sink:
+>>> with FileSink(file) as sink:
 ...     print(Recorder(board, sink, readings=2).run())
 2 readings (Raw: lines) in 0.0 s, ..., strength 62.5 µT (62.5 to 62.6)
 >>> print(file.read_text())
@@ -23,7 +23,7 @@ t_s,accel_x_g,accel_y_g,accel_z_g,gyro_x_dps,gyro_y_dps,gyro_z_dps,mag_x_uT,mag_
 array([ 21.7,   0.4, -58.6])
 
 A recorder is also a `Feed`: `next` records the received lines and returns readings and events. It writes to a sink:
-a file, a file with retries when the disk is full (`Patient`), standard output, or nowhere.
+a file, a file with retries when the disk is full (`RetryingSink`), standard output, or nowhere.
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, Self
 
 import numpy as np
 
-from flinders.core.files import locked, reason, refuse_existing
+from flinders.core.files import reason_and_remedy, refuse_existing, try_lock
 from flinders.core.units import MICROTESLA
-from flinders.errors import LinkError, OutputError, OutputExists, UnreadableInput, counted
+from flinders.errors import LinkError, OutputError, OutputExists, UnreadableInput, count_text
 from flinders.links.feeds import FeedEvent
-from flinders.links.transcript import RecordingStatistics, Taken, Transcript, escaped
+from flinders.links.transcript import RecordingStatistics, Taken, Transcript, escape_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -100,7 +100,7 @@ class Recorder:
         *,
         seconds: float | None = None,
         readings: int | None = None,
-        resumed: Resumed | None = None,
+        resumed: ResumedRecording | None = None,
         stopped: Callable[[], bool] = lambda: False,
         say: Callable[[str], None] = lambda _: None,
         watch: Callable[[RecordingStatistics], None] | None = None,
@@ -108,7 +108,7 @@ class Recorder:
         **reading: Any,
     ) -> None:
         self.name = source.name
-        self._source, self._sink, self._clock = source, sink or Nowhere(), clock
+        self._source, self._sink, self._clock = source, sink or NullSink(), clock
         self._saved = "; all readings so far are saved" if sink else ""
         self._seconds, self._stopped, self._say, self._watch = seconds, stopped, say, watch
         before: dict[str, Any] = {} if resumed is None else {"header": resumed.header, "rows": resumed.rows}
@@ -208,7 +208,7 @@ class Recorder:
         try:
             content = self._read(timeout)
         except LinkError as error:
-            self._record(self._transcript.lost(self._now()))
+            self._record(self._transcript.record_loss(self._now()))
             self._sink.sync()
             self._retry = (self._clock() + FIRST_RETRY_S, FIRST_RETRY_S)
             self._waiting.append(FeedEvent("gone", self._now(), f"{error.message}{self._saved}"))
@@ -235,7 +235,9 @@ class Recorder:
         if new <= 0:
             return
         self._transcript.statistics.datagrams_lost += new
-        words = f"{counted(new, 'datagram')} {'was' if new == 1 else 'were'} lost by this machine, which was too busy"
+        words = (
+            f"{count_text(new, 'datagram')} {'was' if new == 1 else 'were'} lost by this machine, which was too busy"
+        )
         self._sink.write(f"# {words}, before {self._now():.4f} s\n")
         self._waiting.append(
             FeedEvent("lost", self._now(), f"{words}: send several readings in one datagram, or fewer per second")
@@ -289,7 +291,7 @@ class Recorder:
 RECOGNITION_ROWS: Final = 20  # Count of rows by which the format of a continued recording is recognised
 MIN_RESUME_GAP_S: Final = 0.001  # Smallest time between its last row and the next
 TIME_CELL: Final = re.compile(r'"?(\d+[.,]\d{4})')  # Start of a row with a time of arrival
-AGAIN_S: Final = 3.0  # Time after which a failed write is tried again
+RETRY_S: Final = 3.0  # Time after which a failed write is tried again
 MAX_WAITING_CHARACTERS: Final = 64 << 20  # Largest count of characters that wait meanwhile
 TAIL_BYTES: Final = 1 << 16  # Bytes at the end in which the last complete line is searched
 START_LINE: Final = re.compile(r"^# flinders \S+ record: .*, begun (\S+)$", re.MULTILINE)
@@ -309,7 +311,7 @@ class Sink(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Resumed:
+class ResumedRecording:
     """Properties of a recording that are needed to continue it.
 
     `header` is the line above its rows, possibly empty; None if there are no `rows`, of which the first are stored.
@@ -330,7 +332,7 @@ class Resumed:
                 content.seek(max(file.stat().st_size - TAIL_BYTES, 0))
                 tail = content.read().decode("utf-8", "replace")
         except OSError as error:
-            raise OutputError(f"{path}: cannot be continued: {reason(error)}") from None
+            raise OutputError(f"{path}: cannot be continued: {reason_and_remedy(error)}") from None
         begun = START_LINE.search(head)
         if begun is None:
             raise OutputError(
@@ -347,7 +349,7 @@ class Resumed:
         return cls(header, tuple(lines[not is_row :][:RECOGNITION_ROWS]), max(since, last + MIN_RESUME_GAP_S))
 
 
-class ToFile:
+class FileSink:
     r"""Sink into a new file without buffering, or at the end of a recording that a crash has ended.
 
     Parameters
@@ -367,12 +369,12 @@ class ToFile:
     --------
     >>> import tempfile
     >>> path = Path(tempfile.mkdtemp()) / "tumble.csv"
-    >>> with ToFile(path) as sink:
+    >>> with FileSink(path) as sink:
     ...     sink.write("217,4,-586\n")
     ...     path.read_text()                                           # it is there at once
     '217,4,-586\n'
     >>> _ = path.write_text("t_s,mag_x,mag_y,mag_z\n0.1,217,4,-586\n0.2,217,2,-5")
-    >>> with ToFile(path, resume=True) as sink:
+    >>> with FileSink(path, resume=True) as sink:
     ...     sink.write("0.3,217,4,-586\n")
     >>> print(path.read_text())
     t_s,mag_x,mag_y,mag_z
@@ -392,7 +394,7 @@ class ToFile:
         except FileExistsError:
             raise OutputExists(path) from None
         except OSError as error:
-            raise OutputError(f"{self.name}: cannot be written: {reason(error)}") from None
+            raise OutputError(f"{self.name}: cannot be written: {reason_and_remedy(error)}") from None
         self._syncing = ThreadPoolExecutor(1, "sync")  # a slow disk must not delay reading a port
         self._pending: Future[None] | None = None
         self._bytes = 0
@@ -438,7 +440,7 @@ class ToFile:
 
     def _lock(self) -> None:
         """Lock the file against other recorders."""
-        if not locked(self._file):  # Windows excludes other writers itself
+        if not try_lock(self._file):  # Windows excludes other writers itself
             os.close(self._file)
             raise OutputError(f"{self.name}: another program is recording into it: stop it, or name another file")
 
@@ -454,7 +456,7 @@ class ToFile:
             torn = tail.rpartition(b"\n")[2]
             if torn:
                 os.ftruncate(self._file, size - len(torn))
-                comment = torn if torn.startswith(b"#") else f"# cut off: {escaped(torn)}".encode()
+                comment = torn if torn.startswith(b"#") else f"# cut off: {escape_bytes(torn)}".encode()
                 os.write(self._file, comment + b"\n")
 
     def _finish(self) -> None:
@@ -471,7 +473,7 @@ class ToFile:
             if error.errno == errno.EINVAL:  # a device that cannot be synced
                 return
             raise OutputError(
-                f"{self.name}: cannot be written: {reason(error)}; the {self._bytes:,} bytes before are saved"
+                f"{self.name}: cannot be written: {reason_and_remedy(error)}; the {self._bytes:,} bytes before are saved"
             ) from None
 
     def __enter__(self) -> Self:
@@ -484,7 +486,7 @@ class ToFile:
             self.close()
 
 
-class Patient:
+class RetryingSink:
     r"""A sink for a disk that may be full: text that cannot be written waits, and is tried again every 3 s.
 
     Parameters
@@ -506,14 +508,16 @@ class Patient:
     ...     name = "a.csv"
     ...     def write(self, text):
     ...         raise OutputError("a.csv: cannot be written: No space left on device")
-    >>> sink = Patient(Full(), print)
+    >>> sink = RetryingSink(Full(), print)
     >>> sink.write("217,4,-586\n")
     ! a.csv: cannot be written: No space left on device. It is held and tried again; make room on the disk
     >>> sink.why
     'a.csv: cannot be written: No space left on device'
     """
 
-    def __init__(self, sink: ToFile, say: Callable[[str], object], clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, sink: FileSink, say: Callable[[str], object], clock: Callable[[], float] = time.monotonic
+    ) -> None:
         self.name, self.why, self.missing = sink.name, "", ""
         self._sink, self._say, self._clock = sink, say, clock
         self._waiting: list[str] = []
@@ -523,7 +527,7 @@ class Patient:
         """As `Sink.write`; nothing is raised."""
         self._waiting.append(text)
         self._size += len(text)
-        if not self.why or self._clock() - self._tried >= AGAIN_S:
+        if not self.why or self._clock() - self._tried >= RETRY_S:
             self._try()
         if self._size > MAX_WAITING_CHARACTERS:
             self._waiting, self._size = [], 0
@@ -582,7 +586,7 @@ def _last_time(tail: str) -> float:
     return 0.0
 
 
-class ToStandardOutput:
+class StandardOutputSink:
     """Sink into standard output, for a pipe; `OutputError` if it is closed."""
 
     name, why = "standard output", ""
@@ -597,14 +601,14 @@ class ToStandardOutput:
             sys.stdout.write(text)
             sys.stdout.flush()
         except OSError as error:
-            why = "the reading program has ended" if isinstance(error, BrokenPipeError) else reason(error)
+            why = "the reading program has ended" if isinstance(error, BrokenPipeError) else reason_and_remedy(error)
             raise OutputError(f"{self.name} cannot be written: {why}") from None
 
     def sync(self) -> None:
         """Do nothing, as standard output is not a file on disk."""
 
 
-class Nowhere:
+class NullSink:
     """A sink for readings that are not stored."""
 
     name, why = "nowhere", ""
@@ -634,7 +638,7 @@ class RecordedFeed:
     >>> from flinders.links.feeds import Replay
     >>> file = Path(tempfile.mkdtemp()) / "tumble.csv"
     >>> tumble = simulate.tumble(seed=1, n=400).samples
-    >>> with ToFile(file) as sink:
+    >>> with FileSink(file) as sink:
     ...     feed = RecordedFeed(Replay(tumble, speed=None), sink)
     ...     while not (isinstance(got := feed.next(0.1), FeedEvent) and got.kind == "ended"):
     ...         pass
@@ -642,7 +646,7 @@ class RecordedFeed:
     np.True_
     """
 
-    def __init__(self, feed: Feed, sink: Sink, *, resumed: Resumed | None = None) -> None:
+    def __init__(self, feed: Feed, sink: Sink, *, resumed: ResumedRecording | None = None) -> None:
         self._feed, self._sink = feed, sink
         self._header = resumed.header if resumed else None
         self._is_checked = self._header is None

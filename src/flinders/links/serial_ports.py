@@ -4,7 +4,7 @@
 >>> mainboard, modem = SerialPort("/dev/ttyS0"), SerialPort("/dev/ttyUSB2", product="LTE Modem", vendor=0x1234)
 >>> [port.is_board for port in (nano, mainboard, modem)]
 [True, False, False]
->>> in_words([mainboard, nano])
+>>> port_words([mainboard, nano])
 'there are /dev/ttyACM0 (Arduino Nano 33 BLE), /dev/ttyS0'
 
 Only a device on USB that is no modem is used without its name. Ports of the mainboard, of Bluetooth or of a debug
@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from flinders.errors import LinkError, MissingExtra, UsageError
-from flinders.foreign_errors import needs
+from flinders.foreign_errors import import_optional
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -62,7 +62,7 @@ def ports() -> list[SerialPort]:
 
     Raises `MissingExtra` without serialx.
     """
-    serialx = needs("serialx", "serial", "a serial port")
+    serialx = import_optional("serialx", "serial", "a serial port")
     try:
         listed = serialx.list_serial_ports()
     except (OSError, ValueError, serialx.SerialException):
@@ -70,7 +70,7 @@ def ports() -> list[SerialPort]:
     return [SerialPort(str(port.resolved_device), str(port.device), port.product or "", port.vid) for port in listed]
 
 
-def in_words(found: Sequence[SerialPort]) -> str:
+def port_words(found: Sequence[SerialPort]) -> str:
     """Sentence on the ports, those of boards first, or on what to check without any."""
     if not found:
         return "this machine has no serial port now: plug the board in, with a cable that carries data"
@@ -78,15 +78,15 @@ def in_words(found: Sequence[SerialPort]) -> str:
     return f"there {'are' if len(names) > 1 else 'is'} {', '.join(names)}"
 
 
-def ports_in_words() -> str:
+def describe_ports() -> str:
     """Sentence on the serial ports of this machine, or on what to install to list them."""
     try:
-        return in_words(ports())
+        return port_words(ports())
     except MissingExtra as missing:
         return str(missing)
 
 
-def plugged_in() -> str | None:
+def find_board_port() -> str | None:
     """The port of the only connected board; None if there is none, or without serialx.
 
     Raises `UsageError` for several.

@@ -33,20 +33,20 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from flinders.core.axes import Axes
-from flinders.core.samples import added
-from flinders.core.units import label
-from flinders.errors import FlindersError, OutputError, counted, figures
+from flinders.core.samples import merge_skipped
+from flinders.core.units import unit_label
+from flinders.errors import FlindersError, OutputError, count_text, figures
 from flinders.links.feeds import FeedEvent
-from flinders.readers._cells import COMMENTS, number, quoted, split
-from flinders.readers._choice import numbered
+from flinders.readers._cells import COMMENTS, parse_number, quote_cell, split
+from flinders.readers._choice import list_names
 from flinders.readers._clock import Midnights
 from flinders.readers._columns import unit_of
 from flinders.readers._grid import rows_of
-from flinders.readers._layout import SPOKEN, Cells, TextLayout, sniff
+from flinders.readers._layout import DELIMITER_WORDS, Cells, TextLayout, recognise_table
 from flinders.readers._line_shapes import LineShapes
 from flinders.readers._names import is_unit
 from flinders.readers._recognition import recognise_layout
-from flinders.readers._tokenizer import shown
+from flinders.readers._tokenizer import shorten
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -60,12 +60,12 @@ if TYPE_CHECKING:
 
 SETTLE_S: Final = 0.9
 """Longest wait until the format of the first lines is recognised; less than 1 s, the largest loss in a crash."""
-ENOUGH: Final = 20  # Count of lines by which the format is recognised at once
-LONGEST: Final = 4096  # Longest line
+RECOGNITION_LINES: Final = 20  # Count of lines by which the format is recognised at once
+MAX_LINE_BYTES: Final = 4096  # Longest line
 SILENT_S: Final = 3.0  # Time without a reading after which advice is given
-UNLIKE: Final = 50  # Count of consecutive lines unlike the first ones after which advice is given
-UNANSWERED: Final = 10  # Count of readings without an answer of the sensor after which advice is given
-STEP_S: Final = 1e-4  # Time difference of lines that arrive together, the last digit of a time
+MAX_UNLIKE_LINES: Final = 50  # Count of consecutive lines unlike the first ones after which advice is given
+MAX_UNANSWERED: Final = 10  # Count of readings without an answer of the sensor after which advice is given
+TIME_STEP_S: Final = 1e-4  # Time difference of lines that arrive together, the last digit of a time
 LINE_ENDS: Final = re.compile(rb"[\r\n]+")
 TIME_NAME: Final = "t_s"
 PLAIN_NAMES: Final = ("mag_x", "mag_y", "mag_z")  # Names for three columns without a header
@@ -85,7 +85,7 @@ class Form:
     @property
     def header(self) -> str:
         """The line above the rows; empty without one."""
-        return ",".join(map(quoted, self.names))
+        return ",".join(map(quote_cell, self.names))
 
     def is_heading(self, line: str) -> bool:
         """Whether a line repeats the header, or is a row of units below it."""
@@ -109,19 +109,19 @@ class Form:
         return self.dialect.words
 
 
-def settle(lines: list[str], pattern: str | None = None) -> Form | None:
+def recognise_form(lines: list[str], pattern: str | None = None) -> Form | None:
     """Recognise the format of the first lines; None if none of them has three numbers.
 
-    >>> form = settle(["starting up", "X: 21.7 Y: 0.4 Z: -58.6 uT", "X: 21.7 Y: 0.2 Z: -58.7 uT"])
+    >>> form = recognise_form(["starting up", "X: 21.7 Y: 0.4 Z: -58.6 uT", "X: 21.7 Y: 0.2 Z: -58.7 uT"])
     >>> print(form, "as", form.header)
     labelled lines as t_s,X (uT),Y (uT),Z (uT)
     >>> form.row("X: 21.5 Y: 0.3 Z: -58.5 uT", 0.25), form.row("low battery", 0.26)
     ('0.2500,21.5,0.3,-58.5', None)
     """
-    for lay_out in (partial(sniff, ""), _layout_without_columns):
+    for lay_out in (partial(recognise_table, ""), _layout_without_columns):
         with contextlib.suppress(Exception):  # a recording continues whatever a board prints
             dialect, layout = recognise_layout("", lines, lay_out, pattern)
-            words = f"lines of numbers, {SPOKEN[layout.grid.delimiter]}-separated"
+            words = f"lines of numbers, {DELIMITER_WORDS[layout.grid.delimiter]}-separated"
             return _make_form(
                 dialect or Cells.of(layout, words), layout, lines, is_clear=lay_out is not _layout_without_columns
             )
@@ -150,19 +150,21 @@ def _default_names(layout: TextLayout, width: int, *, is_told: bool) -> tuple[st
 
 def _is_time(column: Sequence[str]) -> bool:
     """Whether a column increases like a time; ``T_C`` may be a temperature."""
-    times = [time for cell in column if (time := number(cell, ".")) is not None]
+    times = [time for cell in column if (time := parse_number(cell, ".")) is not None]
     return all(b >= a for a, b in pairwise(times)) and (len(times) < 2 or times[-1] > times[0])
 
 
 def _layout_without_columns(lines: list[str], header: Sequence[str] = (), **_: object) -> TextLayout:
     """Layout of a table whose columns of the magnetometer are unknown, of which all columns are recorded."""
-    layout = sniff("", lines, "1,2,3", header)
-    layout = layout if layout.header else replace(layout, columns=layout.columns.only())  # an increasing column may be
+    layout = recognise_table("", lines, "1,2,3", header)
+    layout = (
+        layout if layout.header else replace(layout, columns=layout.columns.with_only())
+    )  # an increasing column may be
     # an axis
     sign, decimal = layout.grid.delimiter, layout.grid.decimal
     rows = [split(line, sign) for line in lines]
     numeric = Counter(
-        tuple(place for place, cell in enumerate(row) if cell.strip() and number(cell, decimal) is not None)
+        tuple(place for place, cell in enumerate(row) if cell.strip() and parse_number(cell, decimal) is not None)
         for row in rows
     )
     places, count = numeric.most_common(1)[0]
@@ -174,7 +176,7 @@ def _layout_without_columns(lines: list[str], header: Sequence[str] = (), **_: o
 
 def is_marked(line: str) -> bool:
     """Whether the words of a line show that its start is complete; ``17,4,-586`` may be a part of ``217,4,-586``."""
-    return not all(number(cell, ".") is not None for cell in re.split(r"[\s,;]+", line.strip()))
+    return not all(parse_number(cell, ".") is not None for cell in re.split(r"[\s,;]+", line.strip()))
 
 
 @dataclass(slots=True)
@@ -243,21 +245,23 @@ class RecordingStatistics:
         }
 
     def __str__(self) -> str:
-        parts = [f"{counted(self.readings, 'reading')}{f' ({self.form})' if self.form else ''} in {self.seconds:.1f} s"]
+        parts = [
+            f"{count_text(self.readings, 'reading')}{f' ({self.form})' if self.form else ''} in {self.seconds:.1f} s"
+        ]
         parts += [f"{figures(self.rate_hz)} Hz"] * (self.rate_hz > 0)
         if self.strengths:
             mean = self.strength_sum / self.strengths
             ends = f"({figures(self.weakest, 3)} to {figures(self.strongest, 3)})"
             parts.append(f"strength {figures(mean, 3)} {self.unit} {ends}")
         parts += [f"lost {self.disconnections} time{'s' * (self.disconnections != 1)}"] * (self.disconnections > 0)
-        parts += [f"{counted(self.datagrams_lost, 'datagram')} lost by this machine"] * (self.datagrams_lost > 0)
+        parts += [f"{count_text(self.datagrams_lost, 'datagram')} lost by this machine"] * (self.datagrams_lost > 0)
         return ", ".join(parts)
 
     @property
     def brief(self) -> str:
         """Readings, rate, strength and duration on a line that fits any terminal."""
         rate = f"{figures(self.rate_hz, 3)} Hz" if self.rate_hz else "- Hz"
-        parts = [counted(self.readings, "reading"), rate]
+        parts = [count_text(self.readings, "reading"), rate]
         if self.strengths:
             parts.append(f"{figures(self.weakest, 3)} to {figures(self.strongest, 3)} {self.unit}")
         return "  ".join([*parts, f"{self.seconds:.0f} s"])
@@ -311,7 +315,7 @@ class Transcript:
         self._waiting: list[_WaitingLine] = []
         self._shapes = LineShapes()
         self._unknown: list[str] = []  # the first lines that could not be parsed
-        self._before: deque[str] = deque(maxlen=ENOUGH)  # lines before the format was recognised
+        self._before: deque[str] = deque(maxlen=RECOGNITION_LINES)  # lines before the format was recognised
         self._last: float | None = None
         self._is_cut = not is_framed
         self._heard_at: float | None = None
@@ -357,7 +361,7 @@ class Transcript:
         self._advised.add(kind)
         return [FeedEvent(kind, at, self.nothing())]
 
-    def lost(self, at: float) -> Taken:
+    def record_loss(self, at: float) -> Taken:
         """Record a disconnection of the source, after the waiting lines."""
         ended = self.end(at)
         self.statistics.disconnections += 1
@@ -374,12 +378,12 @@ class Transcript:
         self.statistics.seconds = at
         taken = self._flush()
         if self._rest.strip() and not self.is_full:
-            taken = replace(taken, text=f"{taken.text}# cut off: {escaped(self._rest)}\n")
-            self.statistics.first_unknown = self.statistics.first_unknown or shown(_text(self._rest))
+            taken = replace(taken, text=f"{taken.text}# cut off: {escape_bytes(self._rest)}\n")
+            self.statistics.first_unknown = self.statistics.first_unknown or shorten(_text(self._rest))
         self._rest, self._pieces = b"", 0
         self.statistics.accompanying = self._shapes.count_accompanying()
         lost = (text for text in self._unknown if not self._shapes.accompanies(text))
-        self.statistics.first_unknown = next(map(shown, lost), self.statistics.first_unknown)
+        self.statistics.first_unknown = next(map(shorten, lost), self.statistics.first_unknown)
         return taken
 
     def nothing(self) -> str:
@@ -389,10 +393,10 @@ class Transcript:
                 f"nothing arrives from {self._name}: check that the sensor is on and prints its readings, and "
                 "that port, cable and baud rate are right"
             )
-        arrived = f"{counted(self.statistics.received, 'byte')} arrived from {self._name} and no line"
+        arrived = f"{count_text(self.statistics.received, 'byte')} arrived from {self._name} and no line"
         if not self.statistics.lines and not self._waiting:
             return f"{arrived} end: check --baud, and that the sketch prints each reading on a line (println)"
-        example = self.statistics.first_unknown or shown(_text(self._rest))
+        example = self.statistics.first_unknown or shorten(_text(self._rest))
         if not example:
             return (
                 f"{arrived} except comments, which begin with {' or '.join(COMMENTS)}: if they are readings, state "
@@ -407,22 +411,22 @@ class Transcript:
         """Split received bytes into lines, and too long lines into pieces, which do not count as lines."""
         *whole, self._rest = LINE_ENDS.split(self._rest + content + b"\n" * self._is_framed)
         for line in whole:
-            if self._pieces or len(line) > LONGEST:
+            if self._pieces or len(line) > MAX_LINE_BYTES:
                 self._waiting.append(_WaitingLine(at, line, self._pieces + 1))
                 self._pieces = 0
             elif line.strip():
                 self._waiting.append(_WaitingLine(at, line))
-        if len(self._rest) > LONGEST:
+        if len(self._rest) > MAX_LINE_BYTES:
             self._pieces += 1
             self._waiting.append(_WaitingLine(at, self._rest, self._pieces))
             self._rest = b""
 
     def _is_enough(self, at: float) -> bool:
         """Whether the format can be recognised: from many lines, from old ones, or from all requested ones."""
-        is_late = len(self._waiting) >= ENOUGH or at - self._waiting[0].at >= SETTLE_S
+        is_late = len(self._waiting) >= RECOGNITION_LINES or at - self._waiting[0].at >= SETTLE_S
         if is_late or self._most is None:
             return is_late
-        form = settle(self._texts(), self._pattern)
+        form = recognise_form(self._texts(), self._pattern)
         return form is not None and len(form.rows(self._texts())) >= self._most
 
     def _texts(self) -> list[str]:
@@ -432,7 +436,7 @@ class Transcript:
 
     def _settle(self) -> None:
         """Recognise the format of the lines, also by an earlier header; OutputError if a continued one differs."""
-        form = settle([*self._before, *self._texts()], self._pattern)
+        form = recognise_form([*self._before, *self._texts()], self._pattern)
         rows = form.rows(self._texts()) if form else []
         if form is None or not rows:
             return
@@ -444,10 +448,10 @@ class Transcript:
         self.statistics.form = form
         columns = ""
         with contextlib.suppress(FlindersError):  # for lines that need options
-            layout = sniff(self._name, [form.header, *self._rows, *rows], self._requested_columns(form))
+            layout = recognise_table(self._name, [form.header, *self._rows, *rows], self._requested_columns(form))
             self._read = layout, unit_of(layout.columns, self._name, self._unit, self._scale)
             self._midnights = Midnights(layout.columns.clock)
-            self.statistics.unit = label(self._read[1].inside)
+            self.statistics.unit = unit_label(self._read[1].inside)
             columns = f": {layout.columns.describe(self.statistics.unit)}"
         self._tell("settled", f"{form}{columns}")
         if self._read and self._read[0].columns.others:
@@ -480,14 +484,14 @@ class Transcript:
             self._is_cut = False
             if line.piece == 1:  # counts for all pieces
                 self._count_unknown(text)
-            return f"# too long: {escaped(line.content)}\n"
+            return f"# too long: {escape_bytes(line.content)}\n"
         cut, self._is_cut = self._is_cut and not is_marked(text), False
-        at = line.at if self._last is None else max(line.at, self._last + STEP_S)
+        at = line.at if self._last is None else max(line.at, self._last + TIME_STEP_S)
         row = form.row(text, at) if form and not cut else None
         if form is None or not row:
             if row is None and not cut:
                 self._note(text)
-            return f"# {'cut off: ' * cut}{escaped(line.content)}\n"
+            return f"# {'cut off: ' * cut}{escape_bytes(line.content)}\n"
         self._last, self._unlike = at, 0
         self.statistics.count_row(at)
         self._shapes.add(text, is_reading=True)
@@ -508,23 +512,23 @@ class Transcript:
 
     def _count_unknown(self, text: str) -> None:
         self.statistics.unknown += 1
-        self.statistics.first_unknown = self.statistics.first_unknown or shown(text)
-        if len(self._unknown) < ENOUGH and not self._shapes.accompanies(text):
+        self.statistics.first_unknown = self.statistics.first_unknown or shorten(text)
+        if len(self._unknown) < RECOGNITION_LINES and not self._shapes.accompanies(text):
             self._unknown.append(text)
         self._unlike += self.statistics.form is not None
-        if self._unlike == UNLIKE:
+        if self._unlike == MAX_UNLIKE_LINES:
             self._tell(
                 "garbage",
-                f"the last {UNLIKE} lines are unlike the first ones ({self.statistics.form}), stored as "
-                f"comments: the latest is {shown(text)!r}; stop, and record again",
+                f"the last {MAX_UNLIKE_LINES} lines are unlike the first ones ({self.statistics.form}), stored as "
+                f"comments: the latest is {shorten(text)!r}; stop, and record again",
             )
 
     def _count_silent(self, readings: Samples) -> None:
         """Count readings without an answer of the sensor, and report them after some."""
         before = sum(entry.rows for entry in self._silent)
         new = (replace(entry, lines=()) for entry in readings.skipped if entry.is_silent)
-        self._silent = added(self._silent, tuple(new))
-        if before < UNANSWERED <= sum(entry.rows for entry in self._silent):
+        self._silent = merge_skipped(self._silent, tuple(new))
+        if before < MAX_UNANSWERED <= sum(entry.rows for entry in self._silent):
             words = "; ".join(map(str, self._silent))
             self._tell("no-answer", f"{words}; such readings are left out: check its supply and its bus")
 
@@ -536,7 +540,7 @@ class Transcript:
             return None
         layout, unit = self._read
         rows = [row for row in rows if not layout.is_of_other_device(row)]
-        values = rows_of(rows, range(len(rows)), layout.grid).past(self._midnights, layout.grid).values
+        values = rows_of(rows, range(len(rows)), layout.grid).with_unwrapped_times(self._midnights, layout.grid).values
         readings = layout.columns.samples(values.T, unit=unit, axes=Axes(), source=self._name)
         self._count_silent(readings)
         self.statistics.measure(readings.field)
@@ -545,11 +549,11 @@ class Transcript:
 
 def _selected_device_words(columns: Columns) -> str:
     """Sentence that only lines of one of several devices are shown."""
-    others = numbered([other.partition(" ")[2] for other in columns.others])
+    others = list_names([other.partition(" ")[2] for other in columns.others])
     return f"lines of several devices arrive: only {columns.name} is shown, {others} not"
 
 
-def escaped(line: bytes) -> str:
+def escape_bytes(line: bytes) -> str:
     """Bytes as printable ASCII text, from which ``unicode_escape`` restores them."""
     return line.decode("latin-1").encode("unicode_escape").decode("ascii")
 

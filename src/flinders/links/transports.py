@@ -1,6 +1,6 @@
 r"""Sources of bytes: a serial port, UDP, TCP, standard input, or a list for tests.
 
->>> board = Scripted([b"Raw:0,0,8192,0,0,0,217,4,-586\r\n", Gone(), b"Raw:"])
+>>> board = ScriptedSource([b"Raw:0,0,8192,0,0,0,217,4,-586\r\n", Disconnection(), b"Raw:"])
 >>> board.read(0.1)
 b'Raw:0,0,8192,0,0,0,217,4,-586\r\n'
 >>> board.read(0.1)
@@ -26,10 +26,10 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
-from flinders.core.files import reason
+from flinders.core.files import reason_and_remedy
 from flinders.errors import LinkError, UsageError
-from flinders.foreign_errors import needs
-from flinders.links.serial_ports import ANY_PORT, board_port, ports_in_words
+from flinders.foreign_errors import import_optional
+from flinders.links.serial_ports import ANY_PORT, board_port, describe_ports
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -93,7 +93,7 @@ class Serial:
     is_framed = False
 
     def __init__(self, port: str, baud: int = BAUD) -> None:
-        self._serialx = needs("serialx", "serial", "a serial port")
+        self._serialx = import_optional("serialx", "serial", "a serial port")
         self.name, self.baud = port, baud
         self._port: Any = None
         self.reopen()
@@ -172,7 +172,7 @@ class Udp:
         self.name = f"UDP {host} port {port}" if speaks_first else f"UDP port {port}"
         self._address, self._speaks_first = (host, port), speaks_first
         self._peers: list[tuple[str, int]] = []
-        self.lost = 0
+        self.record_loss = 0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._enlarge_buffer()
         try:
@@ -212,7 +212,7 @@ class Udp:
             except ConnectionError:
                 pass
             except OSError as error:
-                raise LinkError(f"{self.name} does not take what is sent: {reason(error)}") from None
+                raise LinkError(f"{self.name} does not take what is sent: {reason_and_remedy(error)}") from None
 
     def _enlarge_buffer(self) -> None:
         """Request a larger receive buffer, and a count of dropped datagrams."""
@@ -233,7 +233,7 @@ class Udp:
         content, ancillary, _, peer = self._socket.recvmsg(CHUNK_BYTES, room, NO_WAIT_FLAG)
         for level, kind, data in ancillary:
             if (level, kind) == (socket.SOL_SOCKET, SO_RXQ_OVFL) and len(data) >= COUNT_FORMAT.size:
-                self.lost = int(COUNT_FORMAT.unpack_from(data)[0])
+                self.record_loss = int(COUNT_FORMAT.unpack_from(data)[0])
         return content, peer
 
     def reopen(self) -> None:
@@ -274,7 +274,7 @@ class Tcp:
             self._socket.sendall(content)
         except (OSError, ValueError) as error:
             self.close()
-            raise LinkError(f"{self.name} does not take what is sent: {reason(error)}") from None
+            raise LinkError(f"{self.name} does not take what is sent: {reason_and_remedy(error)}") from None
 
     def reopen(self) -> None:
         """As `ByteSource.reopen`."""
@@ -319,7 +319,7 @@ class StandardInput:
             content = os.read(self._file, CHUNK_BYTES)
         except OSError as error:
             self.is_done = True
-            raise LinkError(f"{self.name} cannot be read: {reason(error)}") from None
+            raise LinkError(f"{self.name} cannot be read: {reason_and_remedy(error)}") from None
         self.is_done = not content
         return content
 
@@ -334,23 +334,23 @@ class StandardInput:
 
 
 @dataclass(frozen=True, slots=True)
-class Gone:
-    """A step of `Scripted`: the other end is disconnected."""
+class Disconnection:
+    """A step of `ScriptedSource`: the other end is disconnected."""
 
 
 @dataclass(frozen=True, slots=True)
-class Quiet:
-    """A step of `Scripted`: nothing arrives for a time."""
+class Silence:
+    """A step of `ScriptedSource`: nothing arrives for a time."""
 
     seconds: float
 
 
-class Scripted:
+class ScriptedSource:
     """Bytes from a list, for tests and for playback; written bytes are stored.
 
     Parameters
     ----------
-    steps : iterable of bytes, `Gone` or `Quiet`
+    steps : iterable of bytes, `Disconnection` or `Silence`
         One for each `read`.
     is_framed : bool
         As in `ByteSource`.
@@ -358,7 +358,7 @@ class Scripted:
 
     name = "the script"
 
-    def __init__(self, steps: Iterable[bytes | Gone | Quiet], *, is_framed: bool = False) -> None:
+    def __init__(self, steps: Iterable[bytes | Disconnection | Silence], *, is_framed: bool = False) -> None:
         self._steps = iter(steps)
         self.is_framed = is_framed
         self.is_done = False
@@ -372,9 +372,9 @@ class Scripted:
                 self.is_done = True
                 time.sleep(min(timeout, 0.01))
                 return b""
-            case Gone():
+            case Disconnection():
                 raise LinkError(f"{self.name} is gone: check the cable")
-            case Quiet(seconds):
+            case Silence(seconds):
                 time.sleep(min(timeout, seconds))
                 return b""
         return step
@@ -390,7 +390,7 @@ class Scripted:
         """As `ByteSource.close`."""
 
 
-def opened_lines(
+def open_lines(
     *, port: str | None = None, baud: int = BAUD, udp: int | None = None, tcp: str | None = None
 ) -> Serial | Udp | Tcp:
     """Open a source of lines: one of a serial port, a UDP port, and ``HOST:PORT`` of TCP.
@@ -404,7 +404,7 @@ def opened_lines(
     return Serial(board_port() if port == ANY_PORT else str(port), baud)
 
 
-def opened_link(address: str, baud: int = BAUD, *, what: str) -> Serial | Udp | Tcp:
+def open_link(address: str, baud: int = BAUD, *, what: str) -> Serial | Udp | Tcp:
     """Open a link: ``udp:HOST:PORT``, ``udpout:HOST:PORT``, ``tcp:HOST:PORT`` or a serial port.
 
     `what` is the name of the option in an error.
@@ -468,5 +468,5 @@ def _opening_error(error: Exception) -> str:
         return f"no answer within {CONNECT_S:g} s: check the address and the network"
     advice = ADVICE.get(error.errno or 0) if isinstance(error, OSError) else None
     if advice is None:
-        advice = f"{reason(error) if isinstance(error, OSError | ValueError) else error}; {{ports}}"
-    return advice.replace("{ports}", ports_in_words()) if "{ports}" in advice else advice
+        advice = f"{reason_and_remedy(error) if isinstance(error, OSError | ValueError) else error}; {{ports}}"
+    return advice.replace("{ports}", describe_ports()) if "{ports}" in advice else advice

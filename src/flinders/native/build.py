@@ -26,15 +26,15 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-HERE: Final = Path(__file__).parent
+SOURCE_FOLDER: Final = Path(__file__).parent
 
-COMPILED: Final = HERE / "compiled"
+LIBRARY_FOLDER: Final = SOURCE_FOLDER / "compiled"
 """Folder of the library, in a wheel and in a checkout."""
 
-STRICT: Final = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Wstrict-prototypes")
+STRICT_OPTIONS: Final = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Wstrict-prototypes")
 """Language and warnings. Only tests add ``-Werror``, so that a warning of a new compiler stops no installation."""
 
-EXACT: Final = ("-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math")
+EXACT_OPTIONS: Final = ("-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math")
 """Options for identical digits on all platforms: no fused multiply-add, vectorised roots. Never ``-ffast-math``."""
 
 FAST_OPTIONS: Final = ("-O3", "-fvisibility=hidden")
@@ -45,7 +45,7 @@ SMALL_OPTIONS: Final = ("-Os", "-fno-vectorize", "-fno-slp-vectorize")
 SMALL_LOOP_OPTIONS: Final = ("-fno-unroll-loops",)
 """Options for browsers, for loops over all readings: 5 kB less to transfer; a fit takes a tenth longer than 1.1 ms."""
 
-PAGE: Final = HERE.parent / "apps/live/static/standalone/engine.js"
+PAGE_MODULE: Final = SOURCE_FOLDER.parent / "apps/live/static/standalone/engine.js"
 """Module of the page that calls the engine in browsers."""
 
 TEST_FUNCTIONS: Final = ("flinders_is_checked",)
@@ -55,7 +55,7 @@ AVX2_OPTIONS: Final = ("-mavx2", "-mfma", "-DFL_VARIANT=avx2")
 
 ZIG_PACKAGE: Final = "ziglang"
 
-WAYS_OUT: Final = (
+COMPILER_REMEDY: Final = (
     f"install gcc or clang, or run 'pip install {ZIG_PACKAGE}', or name a compiler in the variable CC, then try again"
 )
 
@@ -108,13 +108,13 @@ class Platform(NamedTuple):
     def link_options(self, name: str) -> list[str]:
         """Options of the linker for this platform and a library of this name."""
         if self.system == "wasi":
-            exports = (f"-Wl,--export={symbol}" for symbol in ("__heap_base", *called_by_page()))
+            exports = (f"-Wl,--export={symbol}" for symbol in ("__heap_base", *page_functions()))
             return ["-mexec-model=reactor", f"-Wl,-z,stack-size={WEB_STACK_BYTES}", *exports]
         own = [f"-Wl,-install_name,@rpath/{name}"] if self.system == "darwin" else ["-lm"]
         return ["-shared", *([] if self.system == "win32" else own)]
 
 
-THIS: Final = Platform(sys.platform, {"AMD64": "x86_64"}.get(platform.machine(), platform.machine()))
+THIS_PLATFORM: Final = Platform(sys.platform, {"AMD64": "x86_64"}.get(platform.machine(), platform.machine()))
 """The platform of this process."""
 
 PLATFORMS: Final = {
@@ -126,36 +126,38 @@ PLATFORMS: Final = {
 }
 """Platforms of released wheels, by the tag of the wheel."""
 
-WEB: Final = Platform("wasi", "wasm32", "wasm32-wasi")
+WEB_PLATFORM: Final = Platform("wasi", "wasm32", "wasm32-wasi")
 """Platform of browsers, for which the engine is a WebAssembly module."""
 
 
 def sources() -> list[Path]:
     """C files of the engine, in order of name."""
-    return sorted(HERE.glob("*.c"))
+    return sorted(SOURCE_FOLDER.glob("*.c"))
 
 
-def functions() -> list[str]:
+def function_names() -> list[str]:
     """Functions that flinders.h declares, in its order."""
     import re
 
-    text = (HERE / "flinders.h").read_text(encoding="utf-8")
+    text = (SOURCE_FOLDER / "flinders.h").read_text(encoding="utf-8")
     return re.findall(r"^FLINDERS_API .*?(flinders_\w+)\(", text, flags=re.MULTILINE)
 
 
-def called_by_page() -> list[str]:
+def page_functions() -> list[str]:
     """Functions of the module for browsers: those that the page calls, and `TEST_FUNCTIONS`."""
-    called = set(PAGE.read_text(encoding="utf-8").replace("(", ".").split("."))
-    return [name for name in functions() if name in called or name in TEST_FUNCTIONS]
+    called = set(PAGE_MODULE.read_text(encoding="utf-8").replace("(", ".").split("."))
+    return [name for name in function_names() if name in called or name in TEST_FUNCTIONS]
 
 
-def path(directory: Path | None = None, *, options: Sequence[str] = (), target: Platform = THIS) -> Path:
+def library_path(
+    directory: Path | None = None, *, options: Sequence[str] = (), target: Platform = THIS_PLATFORM
+) -> Path:
     """Path of the library of these sources, whether or not it exists; parameters as in `library`."""
-    directory = directory or Path(os.environ.get("FLINDERS_NATIVE_BUILD") or COMPILED)
+    directory = directory or Path(os.environ.get("FLINDERS_NATIVE_BUILD") or LIBRARY_FOLDER)
     return directory / f"flinders-{_source_digest(options, target)}{target.suffix}"
 
 
-def library(directory: Path | None = None, *, options: Sequence[str] = (), target: Platform = THIS) -> Path:
+def library(directory: Path | None = None, *, options: Sequence[str] = (), target: Platform = THIS_PLATFORM) -> Path:
     """Compile the engine unless the library exists.
 
     Parameters
@@ -178,7 +180,7 @@ def library(directory: Path | None = None, *, options: Sequence[str] = (), targe
     NoCompiler
         If there is no C compiler, if it fails, or if the folder cannot be written.
     """
-    made = path(directory, options=options, target=target)
+    made = library_path(directory, options=options, target=target)
     if not made.exists():
         import shutil
 
@@ -196,7 +198,7 @@ def library(directory: Path | None = None, *, options: Sequence[str] = (), targe
     return made
 
 
-def compiler(target: Platform = THIS) -> list[str]:
+def compiler(target: Platform = THIS_PLATFORM) -> list[str]:
     """Command of a C compiler: ``CC``, the first of cc, gcc and clang that works, or zig; for other platforms zig.
 
     Raises
@@ -213,7 +215,7 @@ def compiler(target: Platform = THIS) -> list[str]:
         if target.zig:
             install = f"'pip install {ZIG_PACKAGE}', or 'uv run --with {ZIG_PACKAGE} flinders …' in a checkout"
             raise NoCompiler(f"{ZIG_PACKAGE} is needed to compile for {target.zig}: run {install}")
-        raise NoCompiler(f"the engine has to be compiled, and there is no C compiler here: {WAYS_OUT}")
+        raise NoCompiler(f"the engine has to be compiled, and there is no C compiler here: {COMPILER_REMEDY}")
     machine = ["-target", target.zig] if target.zig else ["-mcpu=baseline"]
     return [sys.executable, "-m", ZIG_PACKAGE, "cc", *machine]
 
@@ -237,7 +239,7 @@ def _has_headers(name: str) -> bool:
 
 
 def compile_library(
-    made: Path, *, compiler: Sequence[str], options: Sequence[str] = (), target: Platform = THIS
+    made: Path, *, compiler: Sequence[str], options: Sequence[str] = (), target: Platform = THIS_PLATFORM
 ) -> None:
     """Compile and link the engine, with kernels for the baseline processor and on x86-64 also for AVX2_OPTIONS.
 
@@ -260,12 +262,12 @@ def compile_library(
     import tempfile
     from concurrent.futures import ThreadPoolExecutor
 
-    flags = [*STRICT, *FAST_OPTIONS, *EXACT, *target.options, *options]
+    flags = [*STRICT_OPTIONS, *FAST_OPTIONS, *EXACT_OPTIONS, *target.options, *options]
     with tempfile.TemporaryDirectory(dir=made.parent) as folder:
         room = Path(folder)
         jobs = [(source, room / f"{source.stem}.o", [*flags, *target.smaller(source.name)]) for source in sources()]
         if target.machine == "x86_64":
-            jobs.append((HERE / "kernels.c", room / "kernels_avx2.o", [*flags, *AVX2_OPTIONS]))
+            jobs.append((SOURCE_FOLDER / "kernels.c", room / "kernels_avx2.o", [*flags, *AVX2_OPTIONS]))
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             list(pool.map(lambda job: _run([*compiler, *job[2], "-c", str(job[0]), "-o", str(job[1])]), jobs))
         objects, linked = [str(compiled) for _, compiled, _ in jobs], room / made.name
@@ -308,26 +310,26 @@ def _run(command: Sequence[str]) -> None:
 
 def _source_digest(options: Sequence[str], target: Platform) -> str:
     """Digest of sources, options and platform, 16 hexadecimal digits, independent of line endings."""
-    exported = called_by_page() if target.system == "wasi" else ()
+    exported = page_functions() if target.system == "wasi" else ()
     every = (
-        STRICT,
+        STRICT_OPTIONS,
         FAST_OPTIONS,
         SMALL_OPTIONS,
         SMALL_LOOP_OPTIONS,
-        EXACT,
+        EXACT_OPTIONS,
         AVX2_OPTIONS,
         target.options,
         tuple(options),
     )
     parts = (*every, target.system, target.machine, *exported)
     digest = hashlib.sha256(repr(parts).encode())
-    for file in [*sources(), *sorted(HERE.glob("*.h"))]:
+    for file in [*sources(), *sorted(SOURCE_FOLDER.glob("*.h"))]:
         digest.update(file.read_bytes().replace(b"\r\n", b"\n"))
     return digest.hexdigest()[:16]
 
 
 if __name__ == "__main__":
     try:
-        sys.stdout.write(f"{library(target=WEB if '--web' in sys.argv else THIS)}\n")
+        sys.stdout.write(f"{library(target=WEB_PLATFORM if '--web' in sys.argv else THIS_PLATFORM)}\n")
     except NoCompiler as error:
         sys.exit(str(error))

@@ -1,6 +1,6 @@
 """Calls of the engine about directions: coverage of the sphere, and guidance where to turn next.
 
->>> Directions().cells_of(np.eye(3)).tolist()
+>>> Directions().cell_indices(np.eye(3)).tolist()
 [16, 24, 0]
 """
 
@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flinders.native.layouts import ADVICE, BELIEF, COVERAGE, ROUTE, blank
-from flinders.native.library import Library, entries_of, row_of
+from flinders.native.layouts import ADVICE, BELIEF, COVERAGE, ROUTE, empty_row
+from flinders.native.library import Library, contiguous, symmetric_entries
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -24,37 +24,37 @@ if TYPE_CHECKING:
 class Directions(Library):
     """Coverage of the sphere, guidance and paths over it."""
 
-    def believe(self, centre: Floats, shape: Floats, covariance: Floats, noise: float, counts: Floats) -> Records:
+    def make_belief(self, centre: Floats, shape: Floats, covariance: Floats, noise: float, counts: Floats) -> Records:
         """Make a row of `BELIEF`, the claim of a fit, with (100,) counts of its readings by cell of the sphere."""
-        belief = blank(BELIEF)
+        belief = empty_row(BELIEF)
         self._library.flinders_believe(
-            row_of(centre), entries_of(shape), row_of(covariance), noise, row_of(counts), belief
+            contiguous(centre), symmetric_entries(shape), contiguous(covariance), noise, contiguous(counts), belief
         )
         return belief
 
-    def rough(self, field: Floats) -> Records | None:
+    def sphere_belief(self, field: Floats) -> Records | None:
         """Make a row of `BELIEF` from a sphere through (N, 3) readings; None if they do not determine its centre."""
-        belief = blank(BELIEF)
-        return None if self._library.flinders_rough(row_of(field), len(field), belief) else belief
+        belief = empty_row(BELIEF)
+        return None if self._library.flinders_rough(contiguous(field), len(field), belief) else belief
 
     def guidance(self, belief: Records, goal: Records, batch: float = 0.0) -> Records:
         """Make a row of `ADVICE`: the direction in which a batch of readings adds the most information.
 
         `batch` is the number of readings in the batch; 0 stands for a hundredth of those so far.
         """
-        advice = blank(ADVICE)
+        advice = empty_row(ADVICE)
         self._library.flinders_guidance(belief, goal, batch, advice)
         return advice
 
     def path(self, belief: Records, goal: Records, at: Floats, readings_per_deg: float) -> Records:
         """Make a row of `ROUTE`: the path of the field's direction from a (3,) direction on."""
-        route = blank(ROUTE)
-        self._library.flinders_path(belief, goal, row_of(at), readings_per_deg, route)
+        route = empty_row(ROUTE)
+        self._library.flinders_path(belief, goal, contiguous(at), readings_per_deg, route)
         return route
 
     def pose_towards(self, frame: int, goal: Records, direction: Floats) -> int:
         """Number of the simplest attitude of a frame, given by number, that puts the field near a (3,) direction."""
-        return int(self._library.flinders_pose_towards(frame, goal, row_of(direction)))
+        return int(self._library.flinders_pose_towards(frame, goal, contiguous(direction)))
 
     def pose(self, frame: int, pose: int) -> tuple[Floats, int]:
         """(3,) down direction in an attitude of a frame, and the number of angles that are set by eye."""
@@ -84,27 +84,27 @@ class Directions(Library):
         within : float
             Distance from the ellipsoid, less the side, beyond which a cell holds outliers and is left out.
         """
-        coverage, scratch = blank(COVERAGE), np.empty(6 * len(means))
+        coverage, scratch = empty_row(COVERAGE), np.empty(6 * len(means))
         self._library.flinders_coverage_of_cells(
             np.ascontiguousarray(means, np.float64),
             np.ascontiguousarray(readings, np.float64),
             len(means),
             side,
             np.ascontiguousarray(centre, np.float64),
-            entries_of(shape),
+            symmetric_entries(shape),
             within if math.isfinite(within) else 0.0,
             scratch,
             coverage,
         )
         return coverage
 
-    def cells_of(self, directions: Floats) -> NDArray[np.uint32]:
+    def cell_indices(self, directions: Floats) -> NDArray[np.uint32]:
         """(K,) index of the cell of the sphere, 0 to 99, of each of (K, 3) unit vectors."""
         cells = np.empty(len(directions), np.uint32)
         self._library.flinders_cells_of(np.ascontiguousarray(directions, np.float64), len(directions), cells)
         return cells
 
-    def facing(self, readings: Floats, dip_deg: float) -> tuple[float, bool]:
+    def signed_dip(self, readings: Floats, dip_deg: float) -> tuple[float, bool]:
         """Dip with its sign by (100,) counts of readings in each cell, and whether both signs are possible."""
         is_open = np.zeros(1, np.int32)
         facing = self._library.flinders_facing(np.ascontiguousarray(readings, np.float64), dip_deg, is_open)

@@ -12,8 +12,17 @@ from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
-from flinders.native.layouts import AXIS_CHANGE, CALIBRATED, DIFFERENCE, DISTURBANCE, OUTLIER, RECORD, blank, constant
-from flinders.native.library import Library, entries_of
+from flinders.native.layouts import (
+    AXIS_CHANGE,
+    CALIBRATED,
+    DIFFERENCE,
+    DISTURBANCE,
+    OUTLIER,
+    RECORD,
+    empty_row,
+    enum_value,
+)
+from flinders.native.library import Library, symmetric_entries
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -47,9 +56,9 @@ class Faults(Library):
         dip_deg : float
             Inclination of the field.
         """
-        rows, difference = (blank(CALIBRATED), blank(CALIBRATED)), blank(DIFFERENCE)
+        rows, difference = (empty_row(CALIBRATED), empty_row(CALIBRATED)), empty_row(DIFFERENCE)
         for row, (centre, shape, covariance, strength) in zip(rows, (first, second), strict=True):
-            row["centre"], row["shape"] = centre, entries_of(shape)
+            row["centre"], row["shape"] = centre, symmetric_entries(shape)
             row["covariance"], row["strength"] = covariance.ravel(), strength
         self._require(self._library.flinders_compare(*rows, dip_deg, difference))
         return difference
@@ -79,12 +88,12 @@ class Faults(Library):
             Inclination of the field, -89 to 89.
         """
         readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
-        record, (workspace, size) = blank(RECORD), self._workspace(len(readings))
+        record, (workspace, size) = empty_row(RECORD), self._workspace(len(readings))
         self._library.flinders_drift(
             readings,
             len(readings),
             np.ascontiguousarray(centre, dtype=np.float64),
-            entries_of(shape),
+            symmetric_entries(shape),
             dip_deg,
             workspace,
             size,
@@ -109,13 +118,13 @@ class Faults(Library):
             Distance from the ellipsoid beyond which readings are left out.
         """
         readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
-        regression, (workspace, size) = blank(DISTURBANCE), self._workspace(len(readings))
+        regression, (workspace, size) = empty_row(DISTURBANCE), self._workspace(len(readings))
         self._library.flinders_regress(
             readings,
             np.ascontiguousarray(values, dtype=np.float64),
             len(readings),
             np.ascontiguousarray(centre, dtype=np.float64),
-            entries_of(shape),
+            symmetric_entries(shape),
             limit,
             workspace,
             size,
@@ -130,14 +139,14 @@ class Faults(Library):
         self._library.flinders_distances(readings, len(readings), row, out)
         return out
 
-    def dense(self, far: NDArray[np.bool_], rows: int) -> int:
+    def min_run_readings(self, far: NDArray[np.bool_], rows: int) -> int:
         """Smallest number of far readings in a window that make a run of outliers.
 
         `far` tells which of N readings are far from the ellipsoid, `rows` is the length of the recording.
         """
         return int(self._library.flinders_dense(np.ascontiguousarray(far), len(far), rows, np.empty(len(far), bool)))
 
-    def left_out(self, far: NDArray[np.bool_], dense: int) -> NDArray[np.bool_]:
+    def mark_outliers(self, far: NDArray[np.bool_], dense: int) -> NDArray[np.bool_]:
         """(N,) outliers from (N,) `far`: far readings, and all readings in or near a run of `dense` far ones."""
         left_out = np.empty(len(far), dtype=bool)
         self._library.flinders_left_out(np.ascontiguousarray(far), len(far), dense, left_out)
@@ -166,7 +175,7 @@ class Faults(Library):
         times : ((N,), (N,)) float, s, or None
             Times of these rows.
         """
-        room = np.empty(constant("OUTLIERS"), OUTLIER)
+        room = np.empty(enum_value("OUTLIERS"), OUTLIER)
         room[: len(runs)] = runs
         first, last = (np.ascontiguousarray(each, np.int64) for each in rows)
         start, end = (None if times is None else np.ascontiguousarray(times[side], np.float64) for side in (0, 1))
@@ -190,7 +199,7 @@ class Faults(Library):
         """
         readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
         size = int(self._library.flinders_swap_workspace_size(len(readings)))
-        workspace, moments, change = np.empty(size, np.uint8), np.empty(len(readings), np.int64), blank(AXIS_CHANGE)
+        workspace, moments, change = np.empty(size, np.uint8), np.empty(len(readings), np.int64), empty_row(AXIS_CHANGE)
         self._library.flinders_axis_swap(readings, len(readings), noise, noise_limit, workspace, size, moments, change)
         return change, moments[: int(change["moments"])].copy()
 
@@ -212,7 +221,7 @@ class Faults(Library):
         )
         return float(angle[0])
 
-    def turned(self, records: Records, strengths: tuple[float, float]) -> NDArray[np.bool_]:
+    def are_turned(self, records: Records, strengths: tuple[float, float]) -> NDArray[np.bool_]:
         """Whether each record is of a sensor that was turned, out of one plane and without rails.
 
         `strengths` are as in `unmoved_deg`.
@@ -228,4 +237,4 @@ class Faults(Library):
 
     def is_level(self, covariance: ArrayLike, noise: float, within: float) -> bool:
         """Whether readings with a (3, 3) covariance are in a plane perpendicular to z, within a multiple of `noise`."""
-        return bool(self._library.flinders_is_level(entries_of(covariance), noise, within))
+        return bool(self._library.flinders_is_level(symmetric_entries(covariance), noise, within))

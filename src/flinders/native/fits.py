@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flinders.native.layouts import EARLIER, HEIGHTS, RECORD, SITE, SUMS, blank
-from flinders.native.library import Library, entries_of, row_of
+from flinders.native.layouts import EARLIER, HEIGHTS, RECORD, SITE, SUMS, empty_row
+from flinders.native.library import Library, contiguous, symmetric_entries
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -62,7 +62,7 @@ class Fits(Library):
         readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
         times = None if time is None else np.ascontiguousarray(time, dtype=np.float64)
         parts = None if ends is None else np.ascontiguousarray(ends, dtype=np.int64)
-        record, (workspace, size) = blank(RECORD), self._workspace(len(readings))
+        record, (workspace, size) = empty_row(RECORD), self._workspace(len(readings))
         function(
             readings,
             times,
@@ -139,7 +139,7 @@ class Fits(Library):
         """
         readings = np.ascontiguousarray(field, dtype=np.float64)
         parts = None if ends is None else np.ascontiguousarray(ends, dtype=np.int64)
-        record = blank(RECORD)
+        record = empty_row(RECORD)
         workspace, size = self._workspace(len(readings))
         self._library.flinders_polish(
             readings,
@@ -147,7 +147,7 @@ class Fits(Library):
             parts,
             0 if parts is None else len(parts),
             np.ascontiguousarray(centre, dtype=np.float64),
-            entries_of(shape),
+            symmetric_entries(shape),
             self.options(**options),
             workspace,
             size,
@@ -155,7 +155,7 @@ class Fits(Library):
         )
         return record
 
-    def earlier(
+    def make_earlier(
         self,
         centre: ArrayLike,
         shape: ArrayLike,
@@ -180,9 +180,9 @@ class Fits(Library):
         soft_iron_sigma : float
             Relative change of the soft iron since then, 1 σ.
         """
-        earlier, known = blank(EARLIER), None if covariance is None else row_of(covariance)
+        earlier, known = empty_row(EARLIER), None if covariance is None else contiguous(covariance)
         options = distortion, strength_ratio, soft_iron_sigma
-        self._library.flinders_earlier_of(row_of(centre), entries_of(shape), known, *options, earlier)
+        self._library.flinders_earlier_of(contiguous(centre), symmetric_entries(shape), known, *options, earlier)
         return earlier
 
     def allow_change(self, earlier: Records) -> Records:
@@ -204,7 +204,9 @@ class Fits(Library):
             Covariance of that fit for independent residuals, and for the residuals as they are.
         """
         return float(
-            self._library.flinders_soft_iron_p_value(earlier, entries_of(shape), row_of(textbook), row_of(covariance))
+            self._library.flinders_soft_iron_p_value(
+                earlier, symmetric_entries(shape), contiguous(textbook), contiguous(covariance)
+            )
         )
 
     def refresh(
@@ -225,7 +227,7 @@ class Fits(Library):
         """
         readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
         times = None if time is None else np.ascontiguousarray(time, dtype=np.float64)
-        record, (workspace, size) = blank(RECORD), self._workspace(len(readings))
+        record, (workspace, size) = empty_row(RECORD), self._workspace(len(readings))
         given = readings, times, len(readings), self.options(**options), earlier
         self._library.flinders_refresh(*given, workspace, size, record)
         return record
@@ -233,11 +235,11 @@ class Fits(Library):
     def turn_deg(self, field: ArrayLike, shape: ArrayLike) -> float:
         """Largest angle in degrees between (N, 3) readings and their mean direction, by a known (3, 3) shape."""
         readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
-        return float(self._library.flinders_turn_deg(readings, len(readings), entries_of(shape)))
+        return float(self._library.flinders_turn_deg(readings, len(readings), symmetric_entries(shape)))
 
     def sums(self, field: ArrayLike = (), *, origin: ArrayLike = (0.0, 0.0, 0.0), scale: float = 1.0) -> Records:
         """Make a row of `SUMS`: sums of monomials of (N, 3) readings about an origin, divided by `scale`."""
-        sums = blank(SUMS)
+        sums = empty_row(SUMS)
         self._library.flinders_sums_begin(sums, np.array(origin, dtype=np.float64), scale)
         return self.add(sums, field)
 
@@ -259,14 +261,14 @@ class Fits(Library):
 
         The sums are those of readings about `origin`, divided by `unit`.
         """
-        record, row = blank(RECORD), blank(SUMS)
+        record, row = empty_row(RECORD), empty_row(SUMS)
         row["sums"], row["origin"], row["scale"] = sums, origin, unit
         self._library.flinders_sums_solve(row, record)
         return record
 
     def site(self, **known: float | None) -> Records:
         """Make a row of `SITE`, the known field of a place; None stands for an unknown value."""
-        site = blank(SITE)
+        site = empty_row(SITE)
         self._library.flinders_default_site(site)
         for name, number in known.items():
             site[name] = math.nan if number is None else number
@@ -277,14 +279,14 @@ class Fits(Library):
         readings, felt = np.ascontiguousarray(field, np.float64), np.ascontiguousarray(acceleration, np.float64)
         self._library.flinders_vertical_add(readings, felt, len(readings), record, vertical)
 
-    def plane_of(self, field: Floats, centre: Floats, noise: float) -> Records:
+    def fit_plane(self, field: Floats, centre: Floats, noise: float) -> Records:
         """Make a row of `HEIGHTS`: the plane of (N, 3) readings of a level turn about a (2,) centre."""
-        readings, heights, (workspace, size) = row_of(field), blank(HEIGHTS), self._workspace(len(field))
-        middle = row_of(centre)
+        readings, heights, (workspace, size) = contiguous(field), empty_row(HEIGHTS), self._workspace(len(field))
+        middle = contiguous(centre)
         self._require(self._library.flinders_plane_of(readings, len(field), middle, noise, workspace, size, heights))
         return heights
 
-    def at_site(self, record: Records, site: Records, field: Floats, vertical: Records | None = None) -> bool:
+    def apply_site(self, record: Records, site: Records, field: Floats, vertical: Records | None = None) -> bool:
         """Update a record in place by the known field of a site; returns whether its strength was used.
 
         Parameters
@@ -296,6 +298,6 @@ class Fits(Library):
         vertical : row of `VERTICAL`, optional
             Sums of accelerometer readings of a level turn.
         """
-        readings, (workspace, size) = row_of(field), self._workspace(len(field))
+        readings, (workspace, size) = contiguous(field), self._workspace(len(field))
         self._require(self._library.flinders_at_site(readings, len(field), vertical, site, workspace, size, record))
         return bool(self._library.flinders_uses_strength(record))

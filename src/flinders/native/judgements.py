@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flinders.native.layouts import JUDGEMENT, RECORD, blank
-from flinders.native.library import Library, entries_of, row_of, vector_of
+from flinders.native.layouts import JUDGEMENT, RECORD, empty_row
+from flinders.native.library import Library, contiguous, contiguous_vector, symmetric_entries
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -39,7 +39,7 @@ class Judgements(Library):
 
         Raises ValueError for a record without an ellipsoid, a target that is not positive, or a dip beyond ±89°.
         """
-        judgement = blank(JUDGEMENT)
+        judgement = empty_row(JUDGEMENT)
         self._require(self._library.flinders_judge(record, request, judgement))
         return judgement
 
@@ -55,7 +55,7 @@ class Judgements(Library):
 
     def causes(self, severities: ArrayLike) -> Records:
         """Make a row of `JUDGEMENT` with the findings to show and their causes, from their severities alone."""
-        judgement = blank(JUDGEMENT)
+        judgement = empty_row(JUDGEMENT)
         judgement["severities"] = severities
         self._library.flinders_causes(judgement)
         return judgement
@@ -68,7 +68,13 @@ class Judgements(Library):
         `down` is the (3,) down direction of the level vehicle, by default z.
         """
         out = np.empty(2)
-        arguments = entries_of(shape), np.ascontiguousarray(covariance), dip_deg, tilt_deg, vector_of(down)
+        arguments = (
+            symmetric_entries(shape),
+            np.ascontiguousarray(covariance),
+            dip_deg,
+            tilt_deg,
+            contiguous_vector(down),
+        )
         self._require(self._library.flinders_tilted_error(*arguments, out, out[1:]))
         return float(out[0]), float(out[1])
 
@@ -77,7 +83,12 @@ class Judgements(Library):
     ) -> tuple[float, float]:
         """Heading error of a level vehicle by uncorrected readings, in degrees: rms and worst."""
         out = np.empty(2)
-        arguments = np.ascontiguousarray(centre, dtype=np.float64), entries_of(shape), dip_deg, vector_of(down)
+        arguments = (
+            np.ascontiguousarray(centre, dtype=np.float64),
+            symmetric_entries(shape),
+            dip_deg,
+            contiguous_vector(down),
+        )
         self._require(self._library.flinders_uncorrected_error(*arguments, out, out[1:]))
         return float(out[0]), float(out[1])
 
@@ -86,14 +97,20 @@ class Judgements(Library):
     ) -> float:
         """Tilt in degrees up to which the worst heading error is within a limit."""
         out = np.empty(1)
-        arguments = entries_of(shape), np.ascontiguousarray(covariance), dip_deg, limit_deg, vector_of(down)
+        arguments = (
+            symmetric_entries(shape),
+            np.ascontiguousarray(covariance),
+            dip_deg,
+            limit_deg,
+            contiguous_vector(down),
+        )
         self._require(self._library.flinders_attitude_limit(*arguments, out))
         return float(out[0])
 
     def heading_bound(self, shape: ArrayLike, covariance: Floats, *, dip_deg: float, down: Floats | None) -> float:
         """95 % bound in degrees of the heading error of a level vehicle at all headings."""
         out = np.empty(1)
-        arguments = entries_of(shape), np.ascontiguousarray(covariance), dip_deg, vector_of(down)
+        arguments = symmetric_entries(shape), np.ascontiguousarray(covariance), dip_deg, contiguous_vector(down)
         self._require(self._library.flinders_heading_bound(*arguments, out))
         return float(out[0])
 
@@ -102,15 +119,21 @@ class Judgements(Library):
     ) -> tuple[Floats, Floats, Floats]:
         """Errors over a level turn in degrees: (72,) headings, deviations of raw and 1 σ of corrected readings."""
         turn = np.empty((3, 72))
-        arguments = row_of(centre), entries_of(shape), row_of(covariance), dip_deg, vector_of(down)
+        arguments = (
+            contiguous(centre),
+            symmetric_entries(shape),
+            contiguous(covariance),
+            dip_deg,
+            contiguous_vector(down),
+        )
         self._require(self._library.flinders_level_turn(*arguments, *turn))
         return turn[0], turn[1], turn[2]
 
     def attitude_errors(self, shape: ArrayLike, covariance: Floats, directions: Floats, *, dip_deg: float) -> Floats:
         """(K,) heading errors in degrees, 1 σ, at the worst attitude that puts the field along (K, 3) directions."""
-        towards, errors = row_of(directions), np.empty(len(directions))
+        towards, errors = contiguous(directions), np.empty(len(directions))
         self._library.flinders_attitude_errors(
-            entries_of(shape), row_of(covariance), dip_deg, towards, len(directions), errors
+            symmetric_entries(shape), contiguous(covariance), dip_deg, towards, len(directions), errors
         )
         return errors
 
@@ -119,14 +142,17 @@ class Judgements(Library):
 
         `is_known` tells whether its field strength is known.
         """
-        sigmas, arguments = np.empty((3, 3)), (row_of(matrix), entries_of(shape), row_of(covariance), is_known)
+        sigmas, arguments = (
+            np.empty((3, 3)),
+            (contiguous(matrix), symmetric_entries(shape), contiguous(covariance), is_known),
+        )
         self._require(self._library.flinders_matrix_sigmas(*arguments, sigmas))
         return sigmas
 
-    def with_structure(self, shape: ArrayLike, covariance: Floats, *, structure_deg: float, dip_deg: float) -> Floats:
+    def add_structure(self, shape: ArrayLike, covariance: Floats, *, structure_deg: float, dip_deg: float) -> Floats:
         """(9, 9) covariance plus that of residuals by direction, whose heading error is `structure_deg`."""
         out, covariance = np.empty((9, 9)), np.ascontiguousarray(covariance)
-        self._library.flinders_with_structure(entries_of(shape), covariance, structure_deg, dip_deg, out)
+        self._library.flinders_with_structure(symmetric_entries(shape), covariance, structure_deg, dip_deg, out)
         return out
 
     def heading_errors(self, record: Records, dip_deg: float) -> Records:
@@ -138,6 +164,8 @@ class Judgements(Library):
 
     def direction_errors(self, shape: ArrayLike, covariance: Floats, directions: Floats) -> Floats:
         """(K,) direction errors of the corrected field in degrees, 1 σ, for a field along (K, 3) directions."""
-        towards, errors = row_of(directions), np.empty(len(directions))
-        self._library.flinders_direction_errors(entries_of(shape), row_of(covariance), towards, len(directions), errors)
+        towards, errors = contiguous(directions), np.empty(len(directions))
+        self._library.flinders_direction_errors(
+            symmetric_entries(shape), contiguous(covariance), towards, len(directions), errors
+        )
         return errors

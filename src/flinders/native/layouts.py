@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.native.build import HERE
+from flinders.native.build import SOURCE_FOLDER
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 def layout(name: str, real: type[np.floating]) -> np.dtype[np.void]:
     """Layout of a struct of flinders.h; `real` is the type of ``flinders_real``."""
-    text = (HERE / "flinders.h").read_text(encoding="utf-8")
+    text = (SOURCE_FOLDER / "flinders.h").read_text(encoding="utf-8")
     body = re.sub(r"/\*.*?\*/", "", text.split(f"typedef struct {name} {{")[1].split("}")[0], flags=re.DOTALL)
     kinds = {"uint8_t": np.uint8, "int32_t": np.int32, "int64_t": np.int64, "flinders_real": real}
     members = re.findall(r"(\w+)\s+(\w+)(?:\[([\w *]+)\])?;", body)
@@ -41,7 +41,7 @@ def _number(word: str) -> int:
     """Value of a number or a constant; of constants that depend on the processor, the first, which is for computers."""
     if word.isdecimal():
         return int(word)
-    headers = "".join((HERE / name).read_text(encoding="utf-8") for name in ("flinders_rules.h", "flinders.h"))
+    headers = "".join((SOURCE_FOLDER / name).read_text(encoding="utf-8") for name in ("flinders_rules.h", "flinders.h"))
     found = re.search(rf"#define {word} (\d+)", headers)
     assert found is not None
     return int(found[1])
@@ -110,24 +110,26 @@ ONLINE: Final = layout("flinders_online", np.float64)
 ONLINE_CLAIM: Final = layout("flinders_online_claim", np.float64)
 """Layout of the claim of an online calibration at a time."""
 
-UNDETERMINED: Final = 7
+UNDETERMINED_STATUS: Final = 7
 """Status of a record whose readings do not determine all parameters, without a prior."""
 
 
 @cache
-def constant(name: str) -> int:
+def enum_value(name: str) -> int:
     """Value of an enumeration constant ``FLINDERS_name`` of flinders.h."""
-    return int(re.findall(rf"FLINDERS_{name} = (\d+)", (HERE / "flinders.h").read_text(encoding="utf-8"))[0])
+    return int(re.findall(rf"FLINDERS_{name} = (\d+)", (SOURCE_FOLDER / "flinders.h").read_text(encoding="utf-8"))[0])
 
 
 @cache
-def limit(name: str) -> float:
+def defined_value(name: str) -> float:
     """Value of a defined constant ``FLINDERS_name`` of flinders.h."""
     return float(
-        re.findall(rf"#define FLINDERS_{name} ([\d.e-]+)", (HERE / "flinders.h").read_text(encoding="utf-8"))[0]
+        re.findall(rf"#define FLINDERS_{name} ([\d.e-]+)", (SOURCE_FOLDER / "flinders.h").read_text(encoding="utf-8"))[
+            0
+        ]
     )
 
 
-def blank(fields: np.dtype[np.void]) -> Records:
+def empty_row(fields: np.dtype[np.void]) -> Records:
     """One row of a layout filled with zeros; `numpy.zeros` is slower, as it sets each field separately."""
     return np.ndarray((), fields, bytearray(fields.itemsize))

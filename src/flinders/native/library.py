@@ -14,7 +14,7 @@ import numpy as np
 
 from flinders.errors import NoEngine
 from flinders.native.build import NoCompiler, library
-from flinders.native.layouts import JUDGEMENT, OPTIONS, RECORD, REQUEST, blank
+from flinders.native.layouts import JUDGEMENT, OPTIONS, RECORD, REQUEST, empty_row
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -138,7 +138,7 @@ class Library:
                 f"the engine's record, judgement and number have {sizes} bytes, need "
                 f"{RECORD.itemsize}, {JUDGEMENT.itemsize} and 8: run python -m flinders.native.build"
             )
-        defaults, asked, record = blank(OPTIONS), blank(REQUEST), blank(RECORD)
+        defaults, asked, record = empty_row(OPTIONS), empty_row(REQUEST), empty_row(RECORD)
         self._library.flinders_default_options(defaults)
         self._library.flinders_default_request(asked)
         self._library.flinders_clear_record(record)
@@ -191,17 +191,17 @@ def _library() -> Path:
         raise NoEngine(str(error)) from error
 
 
-def vector_of(down: Floats | None) -> Floats | None:
+def contiguous_vector(down: Floats | None) -> Floats | None:
     """Contiguous float64 vector for C; None stays."""
     return None if down is None else np.ascontiguousarray(down, dtype=np.float64)
 
 
-def row_of(numbers: ArrayLike) -> Floats:
+def contiguous(numbers: ArrayLike) -> Floats:
     """Contiguous float64 array for C."""
     return np.ascontiguousarray(numbers, dtype=np.float64)
 
 
-def entries_of(shape: ArrayLike) -> Floats:
+def symmetric_entries(shape: ArrayLike) -> Floats:
     """(6,) entries 11, 22, 33, 12, 13, 23 of a symmetric matrix."""
     entries: Floats = np.asarray(shape, dtype=np.float64)[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     return entries

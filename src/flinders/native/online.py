@@ -1,6 +1,6 @@
 """Calls of the engine for an online calibration, which is updated while readings arrive.
 
->>> online = Online().online()
+>>> online = Online().make_online()
 >>> int(online["state"]), float(online["target_deg"])
 (0, 1.0)
 """
@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.native.layouts import ONLINE, ONLINE_CLAIM, blank
-from flinders.native.library import Library, row_of
+from flinders.native.layouts import ONLINE, ONLINE_CLAIM, empty_row
+from flinders.native.library import Library, contiguous
 
-EVIDENCE: Final = ONLINE["time"].shape[0]
+MAX_STORED_READINGS: Final = ONLINE["time"].shape[0]
 """Number of readings that an online calibration stores."""
 
 if TYPE_CHECKING:
@@ -27,17 +27,19 @@ if TYPE_CHECKING:
 class Online(Library):
     """Online calibrations: rows of `ONLINE`, which are changed in place."""
 
-    def online(self) -> Records:
+    def make_online(self) -> Records:
         """Make an empty row of `ONLINE`."""
-        online = blank(ONLINE)
+        online = empty_row(ONLINE)
         self._library.flinders_online_begin(online)
         return online
 
-    def online_know(
+    def online_activate(
         self, online: Records, parameters: ArrayLike, covariance: ArrayLike, *, noise: float, time: float
     ) -> None:
         """Activate (9,) offset and shape with their (9, 9) covariance, as known at a time in s."""
-        self._require(self._library.flinders_online_know(online, row_of(parameters), row_of(covariance), noise, time))
+        self._require(
+            self._library.flinders_online_know(online, contiguous(parameters), contiguous(covariance), noise, time)
+        )
 
     def online_expect_walk(self, online: Records, walk: float, log_sigma: float) -> None:
         """Set the rate of the offset's random walk, in its unit per root hour, and 1 σ of its natural logarithm."""
@@ -54,13 +56,13 @@ class Online(Library):
             Bits of the events.
         """
         readings, times = np.ascontiguousarray(field, np.float64), np.ascontiguousarray(time, np.float64)
-        events, (workspace, size) = np.zeros(1, dtype=np.int32), self._workspace(EVIDENCE)
+        events, (workspace, size) = np.zeros(1, dtype=np.int32), self._workspace(MAX_STORED_READINGS)
         added = self._library.flinders_online_add(online, readings, times, len(readings), workspace, size, events)
         return int(added), int(events[0])
 
     def online_claim(self, online: Records, time: float) -> Records:
         """Make a row of `ONLINE_CLAIM`: the claim at a time in s, NaN without an active calibration."""
-        claim = blank(ONLINE_CLAIM)
+        claim = empty_row(ONLINE_CLAIM)
         self._library.flinders_online_claim_at(online, time, claim)
         return claim
 
@@ -68,10 +70,10 @@ class Online(Library):
         """Time in s for which the claim stays within the target; NaN if it is above, infinite beyond ten years."""
         return float(self._library.flinders_online_good_s(online))
 
-    def online_adopt(self, online: Records) -> None:
+    def online_activate_latest(self, online: Records) -> None:
         """Activate the latest estimate."""
         self._library.flinders_online_adopt(online)
 
-    def online_take_back(self, online: Records) -> None:
+    def online_revert(self, online: Records) -> None:
         """Activate the previously active calibration again."""
         self._library.flinders_online_take_back(online)

@@ -36,18 +36,18 @@ import numpy as np
 
 from flinders.core.axes import Axes
 from flinders.core.frames import is_frame
-from flinders.core.joining import Joined, in_memory
-from flinders.core.keywords import OF_A_FIT, spell_checked
+from flinders.core.joining import Joined, read_into_memory
+from flinders.core.keywords import FIT_KEYWORDS, check_keywords
 from flinders.core.plugins import modules_of, plugin_rows
-from flinders.core.samples import Recording, Samples, added, frame_of
+from flinders.core.samples import Recording, Samples, frame_of, merge_skipped
 from flinders.core.time_span import TimeSpan
 from flinders.errors import FlindersError, NoMagnetometer, UnitError, UnreadableInput, UsageError
-from flinders.foreign_errors import reading
+from flinders.foreign_errors import parser_errors
 from flinders.readers._auxiliary import with_auxiliary
-from flinders.readers._choice import FIRST, Choice
+from flinders.readers._choice import FIRST_SENSOR, Choice
 from flinders.readers._foreign_files import foreign_kind
 from flinders.readers._frame import open_frame
-from flinders.readers._log import Instrument, Log, Position, Stored, beginning_of
+from flinders.readers._log import Instrument, Log, Position, Stored, start_time_of
 from flinders.readers._reader import Reader
 from flinders.readers._source import File, Progress, Source, find, on_disk
 from flinders.readers._table import Table, TableRecording, open_table
@@ -99,7 +99,7 @@ def registry() -> tuple[Reader, ...]:
     return (*plugin_rows("flinders.readers", Reader), *chain.from_iterable(rows))
 
 
-@spell_checked(OF_A_FIT)
+@check_keywords(FIT_KEYWORDS)
 def open_recording(
     path: AnySource | Sequence[AnySource],
     *,
@@ -198,7 +198,7 @@ def _join_recordings(recordings: Sequence[FileRecording]) -> Recording:
     return Joined((first, *others)) if others else first
 
 
-@spell_checked(OF_A_FIT)
+@check_keywords(FIT_KEYWORDS)
 def open_log(
     path: AnyPath,
     *,
@@ -275,7 +275,7 @@ def holds_log(
     return False
 
 
-@spell_checked(OF_A_FIT)
+@check_keywords(FIT_KEYWORDS)
 def read(
     path: AnySource | Sequence[AnySource],
     *,
@@ -311,9 +311,9 @@ def read(
         auxiliary=auxiliary,
         progress=progress,
     )
-    samples = in_memory(recording)
+    samples = read_into_memory(recording)
     parts = recording.recordings if isinstance(recording, Joined) else (recording,)
-    return replace(samples, skipped=reduce(added, (getattr(part, "skipped", ()) for part in parts), ()))
+    return replace(samples, skipped=reduce(merge_skipped, (getattr(part, "skipped", ()) for part in parts), ()))
 
 
 TABLE_OPTIONS: Final = ("columns", "unit", "scale", "axes", "flat", "choice", "progress")
@@ -332,7 +332,7 @@ class _Options:
     span: TimeSpan = field(default_factory=TimeSpan)
     progress: Progress | None = None
     pattern: str | None = None
-    choice: Choice = FIRST
+    choice: Choice = FIRST_SENSOR
     as_logged: bool = False
     flat: str | None = None
 
@@ -386,7 +386,7 @@ def _open(file: Source, options: _Options) -> FileRecording:
 def _reading(file: Source) -> Iterator[Reader]:
     """Find the reader of a file; turn foreign errors inside the block into errors of Flinders."""
     reader = _reader_of(file.name, file.head())
-    with reading(file.name, reader.title):
+    with parser_errors(file.name, reader.title):
         yield reader
 
 
@@ -477,7 +477,7 @@ def _log_of(file: Source, reader: Reader, options: _Options) -> Log:
     log: Log = reader.log(disk, **({"unit": options.unit} if reader.takes_unit else {}))
     if not log.instruments:
         raise NoMagnetometer(f"{file.name} ({log.format}) holds no magnetometer: log it, and record again")
-    beginning = np.nan if options.span.is_all else beginning_of(log)
+    beginning = np.nan if options.span.is_all else start_time_of(log)
     of_log: dict[str, Any] = {name: getattr(options, name) for name in ("axes", "as_logged", "span", "progress")}
     of_log |= {"beginning": beginning, "file": file, "temporary_files": (disk,)}
     of_log |= {"position": log.position, "begun": log.begun}
@@ -504,6 +504,6 @@ def _choose_instrument(log: Log, options: _Options) -> Instrument:
         )
     choice = options.choice if options.topic is None else Choice(options.topic)
     names = [instrument.name for instrument in log.instruments]
-    chosen = log.instruments[choice.among(names, log.source)]
+    chosen = log.instruments[choice.index_in(names, log.source)]
     named = tuple(f"{number} {name}" for number, name in enumerate(names[1:], 2))
     return replace(chosen, others=named if choice.is_open else (), damage=log.damage)

@@ -1,6 +1,6 @@
 """Columns that the user asks for, by name or by number counted from 1.
 
->>> wanted_places("mx,my,MZ", ["t", "mx", "my", "mz"], 4), wanted_places("2,3,4", [], 4)
+>>> places_of_columns("mx,my,MZ", ["t", "mx", "my", "mz"], 4), places_of_columns("2,3,4", [], 4)
 ((1, 2, 3), (1, 2, 3))
 """
 
@@ -13,7 +13,7 @@ from flinders.core.plugins import remark
 from flinders.errors import UsageError, did_you_mean
 from flinders.readers._columns import Columns, column_of
 from flinders.readers._names import ACCELERATION, STRENGTH, unit_of_strength
-from flinders.readers._tokenizer import listed
+from flinders.readers._tokenizer import list_columns
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     """Names or numbers of columns, in one text or one by one."""
 
 
-def asked_columns(columns: AnyColumns, *, flat: bool = False) -> list[str]:
+def parse_columns(columns: AnyColumns, *, flat: bool = False) -> list[str]:
     """Split the columns that the user asked for: three different names or numbers, or also two if `flat`."""
     asked = parts_of(columns)
     count = len(asked)
@@ -43,21 +43,21 @@ def parts_of(columns: AnyColumns) -> list[str]:
     return [str(part).strip() for part in (columns.split(",") if isinstance(columns, str) else columns)]
 
 
-def wanted_places(columns: AnyColumns, names: Sequence[str], width: int, *, flat: bool = False) -> tuple[int, ...]:
+def places_of_columns(columns: AnyColumns, names: Sequence[str], width: int, *, flat: bool = False) -> tuple[int, ...]:
     """Look up the places of the columns that the user asked for, by name or by number counted from 1."""
     known = [name.strip() for name in names]
-    places = tuple(_place(part, known, width) for part in asked_columns(columns, flat=flat))
+    places = tuple(_place(part, known, width) for part in parse_columns(columns, flat=flat))
     if len(set(places)) != len(places):
         many = "two" if len(places) == 2 else "three"
         raise UsageError(f"columns {columns!r} name one column twice: need {many} different ones")
     return places
 
 
-def wanted_acceleration(asked: str, names: Sequence[str], columns: Columns, width: int) -> Columns:
+def with_acceleration(asked: str, names: Sequence[str], columns: Columns, width: int) -> Columns:
     """Take the accelerometer's columns as the user asked, unless they are read as the magnetometer."""
     if not width:
         raise UsageError(f"acceleration {asked!r}: lines differ in length, so columns cannot be counted")
-    own = column_of(ACCELERATION, wanted_places(asked, names, width), names)
+    own = column_of(ACCELERATION, places_of_columns(asked, names, width), names)
     if taken := [name for name, cell in zip(own.names, own.cells, strict=True) if cell in columns.field.cells]:
         raise UsageError(
             f"acceleration {asked!r}: {', '.join(taken)} is read as the magnetometer; say which columns are that",
@@ -67,7 +67,7 @@ def wanted_acceleration(asked: str, names: Sequence[str], columns: Columns, widt
     return replace(columns, auxiliary=(*others, own))
 
 
-def wanted_strength(asked: str, names: Sequence[str], columns: Columns, width: int) -> Columns:
+def with_strength(asked: str, names: Sequence[str], columns: Columns, width: int) -> Columns:
     """Take the field strength from the column that the user asked for, unless it is read as the magnetometer."""
     if not width:
         raise UsageError(f"scalar {asked!r}: lines differ in length, so columns cannot be counted")
@@ -90,6 +90,6 @@ def _place(asked: str, names: list[str], width: int) -> int:
             return known.index(wanted)
     if asked.isdecimal() and 1 <= int(asked) <= width:
         return int(asked) - 1
-    there = f"its columns are {listed(names)}" if names else f"it has no header and {width} columns"
+    there = f"its columns are {list_columns(names)}" if names else f"it has no header and {width} columns"
     meant = did_you_mean(asked, names)
     raise UsageError(f"there is no column {asked!r}{meant}: {there}; give names or numbers from 1 to {width}")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, cast
 from flinders.core.disturbance import is_column
 from flinders.core.joining import Joined
 from flinders.errors import InputError, did_you_mean
-from flinders.readers._tokenizer import listed
+from flinders.readers._tokenizer import list_columns
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -35,9 +35,9 @@ def with_auxiliary(recording: Recording, names: Iterable[str], *, are_needed: bo
     return recording if look_up is None else cast("Recording", look_up(columns, are_needed=are_needed))
 
 
-def lacks(source: str, name: str, there: Sequence[str]) -> InputError:
+def missing_column(source: str, name: str, there: Sequence[str]) -> InputError:
     """The error for a missing column; `there`: names of the existing ones."""
-    has = f"its columns are {listed(list(there))}" if there else "its columns have no names: give them a header"
+    has = f"its columns are {list_columns(list(there))}" if there else "its columns have no names: give them a header"
     return InputError(f"{source} has no column {name!r}{did_you_mean(name, there)}: {has}; give a name as it is there")
 
 
@@ -52,5 +52,5 @@ def places_in(source: str, header: Sequence[str], names: Sequence[str], *, are_n
     there = [name.strip() for name in header]
     for name in names:
         if are_needed and name not in there:
-            raise lacks(source, name, list(filter(None, there)))
+            raise missing_column(source, name, list(filter(None, there)))
     return {name: there.index(name) for name in names if name in there}

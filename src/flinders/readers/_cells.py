@@ -1,6 +1,6 @@
 """Cells of a line, and their numbers.
 
->>> split("1;2,5;nan", ";"), number("2,5", ","), number("two", ".")
+>>> split("1;2,5;nan", ";"), parse_number("2,5", ","), parse_number("two", ".")
 (['1', '2,5', 'nan'], 2.5, None)
 """
 
@@ -11,24 +11,26 @@ import math
 import re
 from typing import Final
 
-from flinders.readers._lines import CUT_OFF
+from flinders.readers._lines import CUT_MARK
 
 COMMENTS: Final = ("#", "%", "//")  # Beginnings of comment lines
 SPACES: Final = " "  # Delimiter that stands for any run of spaces and tabs
 MISSING: Final = frozenset({"", "nan", "-nan", "na", "n/a", "null", "none"})  # Spellings of a missing value
 MINUS: Final = "\N{MINUS SIGN}"  # Minus sign that text processors put in place of a hyphen
-ATTACHED: Final = r"[-+−]?(?:0[xX][0-9a-fA-F]+|(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|(?:nan|NaN|NAN|inf|ovf)(?!\w))"
+ATTACHED_NUMBER: Final = (
+    r"[-+−]?(?:0[xX][0-9a-fA-F]+|(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|(?:nan|NaN|NAN|inf|ovf)(?!\w))"
+)
 """A number, regardless of the text before it."""
-GLUED: Final = re.compile(r"(?<!\S)[-+]?\d*[.,]\d+(?:-\d*[.,]\d+)+(?!\S)")  # ``2995.10-5044.85``
+JOINED_DECIMALS: Final = re.compile(r"(?<!\S)[-+]?\d*[.,]\d+(?:-\d*[.,]\d+)+(?!\S)")  # ``2995.10-5044.85``
 _BITS: Final = {2: 8, 4: 16, 6: 24, 8: 32}  # bits of a signed hexadecimal number, by its number of digits
 
 
 def split(text: str, delimiter: str) -> list[str]:
     """Split a line into cells, without quotes but with the spaces around them."""
-    if text.endswith(CUT_OFF):
+    if text.endswith(CUT_MARK):
         return [text]
     if delimiter == SPACES:
-        return unglued(text.replace('"', "")).split()
+        return separate_numbers(text.replace('"', "")).split()
     if '"' not in text:
         return text.split(delimiter)
     try:
@@ -37,12 +39,12 @@ def split(text: str, delimiter: str) -> list[str]:
         return [text]
 
 
-def quoted(cell: str) -> str:
+def quote_cell(cell: str) -> str:
     """Quote a cell for a comma-separated table if needed."""
     return '"' + cell.replace('"', '""') + '"' if any(sign in cell for sign in ',"\r\n') else cell
 
 
-def number(cell: str, decimal: str) -> float | None:
+def parse_number(cell: str, decimal: str) -> float | None:
     """Parse a cell: NaN if it is empty or a missing value, None if it is text."""
     text = cell.strip()
     if decimal == ",":
@@ -55,7 +57,7 @@ def number(cell: str, decimal: str) -> float | None:
         return math.nan if text.casefold() in MISSING else None
 
 
-def fits(cells: list[str], width: int) -> bool:
+def has_width(cells: list[str], width: int) -> bool:
     """Tell whether a line has `width` cells; empty cells at its end are ignored."""
     return len(cells) == width or (len(cells) > width and not any(cell.strip() for cell in cells[width:]))
 
@@ -71,6 +73,8 @@ def decimal(number: str) -> str:
     return f"{sign}{value - (1 << bits) if bits and value >> (bits - 1) else value}"
 
 
-def unglued(text: str) -> str:
+def separate_numbers(text: str) -> str:
     """Insert spaces between fixed-width decimals that a minus sign has joined."""
-    return GLUED.sub(lambda match: match[0][0] + match[0][1:].replace("-", " -"), text) if "-" in text else text
+    return (
+        JOINED_DECIMALS.sub(lambda match: match[0][0] + match[0][1:].replace("-", " -"), text) if "-" in text else text
+    )

@@ -16,7 +16,7 @@ from flinders.errors import UsageError
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-MOST_NAMED: Final = 8  # magnetometers that a line names; an array may have dozens
+MAX_NAMES: Final = 8  # magnetometers that a line names; an array may have dozens
 
 
 class Form(NamedTuple):
@@ -69,18 +69,18 @@ class Choice:
         """Whether nothing was requested: the first is taken, and the others are listed."""
         return self.sensor is None and self.preferred is None
 
-    def remembered(self, names: Sequence[str], width: int, increasing: Iterable[int]) -> str | None:
+    def remembered_columns(self, names: Sequence[str], width: int, increasing: Iterable[int]) -> str | None:
         """Columns requested in an earlier table of the same form; None for another form, or if a sensor is requested.
 
         >>> choice = Choice(forms=(Form(("2", "3", "4"), 7, (), (1,)),))
-        >>> choice.remembered([], 7, [0]), choice.remembered([], 7, []), choice.remembered([], 6, [0])
+        >>> choice.remembered_columns([], 7, [0]), choice.remembered_columns([], 7, []), choice.remembered_columns([], 6, [0])
         ('2,3,4', None, None)
         """
         own = Form.of((), names, width, increasing) if self.forms else None
         same = (form for form in self.forms if form._replace(field=()) == own and self.sensor is None)
         return next((",".join(form.field) for form in same if len(form.field) == len("xyz")), None)
 
-    def among(self, names: Sequence[str], source: str) -> int:
+    def index_in(self, names: Sequence[str], source: str) -> int:
         """Index of the selected magnetometer in `names`; UsageError with the list of names if it is not among them."""
         wanted = self.preferred if self.sensor is None else self.sensor
         if wanted is None or (self.sensor is None and len(names) == 1):
@@ -90,7 +90,7 @@ class Choice:
             if wanted.strip().casefold() in (*numbers, name.casefold(), name.casefold().removeprefix("/")):
                 return place
         verb = "are" if len(names) > 1 else "is"
-        there = numbered([f"{number} ({name})" for number, name in enumerate(names, 1)])
+        there = list_names([f"{number} ({name})" for number, name in enumerate(names, 1)])
         what = f"{source} has no magnetometer {wanted.strip() or repr(wanted)}"
         if self.sensor is None:
             raise UsageError(
@@ -108,14 +108,14 @@ class Choice:
             )
 
 
-FIRST: Final = Choice()  # No selection: the first magnetometer
+FIRST_SENSOR: Final = Choice()  # No selection: the first magnetometer
 
 
-def numbered(words: Sequence[str]) -> str:
-    """List numbers and names of magnetometers for a sentence, at most `MOST_NAMED`.
+def list_names(words: Sequence[str]) -> str:
+    """List numbers and names of magnetometers for a sentence, at most `MAX_NAMES`.
 
-    >>> numbered(["2 MAG2", "3 MAG3"])
+    >>> list_names(["2 MAG2", "3 MAG3"])
     '2 MAG2, 3 MAG3'
     """
-    more = f" and {len(words) - MOST_NAMED} more" if len(words) > MOST_NAMED else ""
-    return ", ".join(words[:MOST_NAMED]) + more
+    more = f" and {len(words) - MAX_NAMES} more" if len(words) > MAX_NAMES else ""
+    return ", ".join(words[:MAX_NAMES]) + more

@@ -33,14 +33,15 @@ DATE: Final = (
     r"|(?P<month>[^\W\d_]{3,9})\.?\s+(?P<day>\d{1,2})(?:st|nd|rd|th)?,?(?:\s+(?P<year>\d{4})(?![:\d]))?)"
 )
 """A date, optionally after the day of the week."""
-HALF: Final = r"(?:\s?(?P<half>[AaPp])\.?[Mm]\b\.?)?"
+HALF_OF_DAY: Final = r"(?:\s?(?P<half>[AaPp])\.?[Mm]\b\.?)?"
 TIME_OF_DAY: Final = (
-    r"(?P<hour>\d{1,2}):(?P<minute>\d\d)(?::(?P<second>\d\d))?(?P<fraction>[.,]\d+|:\d{3,}|\s(?:\d{3}|\d{6}))?" + HALF
+    r"(?P<hour>\d{1,2}):(?P<minute>\d\d)(?::(?P<second>\d\d))?(?P<fraction>[.,]\d+|:\d{3,}|\s(?:\d{3}|\d{6}))?"
+    + HALF_OF_DAY
 )
 """A time of day; without hours, as in the ``mm:ss.0`` of spreadsheets, it has a fraction."""
 ZONE: Final = r"(?:\s?(?P<zone>Z|UTC|GMT|(?:UTC|GMT)?[-+]\d\d:?(?:\d\d)?)|\s[A-Z]{2,5})?(?:\[[^\]]*\])?"
 """A time zone; a name such as ``CET`` is ignored, and its hours are counted as UTC."""
-WHEN: Final = re.compile(
+DATE_AND_TIME: Final = re.compile(
     rf"\s*[\[(<'\"]?(?:{DATE}(?:T|[ ,;_]\s*|$|(?=[\])>'\"])))?(?:(?P<days>\d+)\s+days?,?\s+)?"
     rf"(?:{TIME_OF_DAY}{ZONE})?(?:\s+(?P<late>\d{{4}}))?[\])>'\"]?\s*"
 )
@@ -63,7 +64,7 @@ ORDERS: Final = ("dmy", "mdy", "ymd")  # of day, month and year; the first one i
 FIRST_YEAR_OF_1900S: Final = 70  # two-digit years from this one on belong to the 1900s
 DAY_S: Final = 86400.0
 HOUR_S: Final = 3600.0
-ENOUGH: Final = 0.5  # smallest share of times among the cells of a column of times
+MIN_TIME_SHARE: Final = 0.5  # smallest share of times among the cells of a column of times
 EPOCH: Final = date(1970, 1, 1).toordinal()
 
 
@@ -113,7 +114,7 @@ def clocks_of(rows: Sequence[Sequence[str]], places: Iterable[int]) -> Iterator[
     for place in places:
         filled = [row[place] for row in rows if place < len(row) and row[place].strip()]
         found = list(filter(None, map(_match, filled)))
-        if not found or len(found) < ENOUGH * len(filled) or _are_parts(filled):
+        if not found or len(found) < MIN_TIME_SHARE * len(filled) or _are_parts(filled):
             continue
         if found[0]["hour"] is None:
             days.append(place)
@@ -167,7 +168,7 @@ class Midnights:
     clock: Clock | None
     last: float = math.nan  # the previous time, in seconds
 
-    def past(self, seconds: Floats) -> Floats:
+    def unwrap(self, seconds: Floats) -> Floats:
         """(N,) times in seconds, unwrapped past midnight; those of a clock with dates are returned unchanged."""
         known = np.flatnonzero(np.isfinite(seconds))
         if self.clock is None or self.clock.is_dated or not len(known):
@@ -211,7 +212,7 @@ def _are_parts(texts: Sequence[str]) -> bool:
 
 def _match(text: str) -> re.Match[str] | None:
     """Match a cell that is a date, a time of day or both, and nothing else."""
-    match = WHEN.fullmatch(PACKED_TIME.sub(r"\1-\2-\3T\4:\5:\6", _pad_milliseconds(text)))
+    match = DATE_AND_TIME.fullmatch(PACKED_TIME.sub(r"\1-\2-\3T\4:\5:\6", _pad_milliseconds(text)))
     return match if match and (match["hour"] or match["first"] or match["month"]) else None
 
 

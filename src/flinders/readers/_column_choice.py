@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING
 
 from flinders.core.plugins import remark
 from flinders.errors import NoMagnetometer, UsageError
-from flinders.readers._asked_columns import asked_columns, wanted_places
-from flinders.readers._choice import FIRST, Choice, Form, numbered
+from flinders.readers._asked_columns import parse_columns, places_of_columns
+from flinders.readers._choice import FIRST_SENSOR, Choice, Form, list_names
 from flinders.readers._columns_by_name import by_name
 from flinders.readers._columns_by_place import axes_of, by_place
 from flinders.readers._instruments import vectors
 from flinders.readers._likeness import advice, groups, only_rises
-from flinders.readers._names import FIELD, meaning, tells_nothing
-from flinders.readers._tokenizer import listed
+from flinders.readers._names import FIELD, is_inconclusive, meaning
+from flinders.readers._tokenizer import list_columns
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -47,7 +47,7 @@ def choose(
     units: Sequence[str] = (),
     clocks: Sequence[Clock] = (),
     flat: str | None = None,
-    choice: Choice = FIRST,
+    choice: Choice = FIRST_SENSOR,
     source: str = "the table",
     heading: str = "",
     quoted: str = "",
@@ -72,11 +72,11 @@ def choose(
             _refuse_two(axes, width, source, quoted)
             _refuse_unclear(names, values, source, f"{heading or 'no header'}{quoted}", cells)
         return chosen and _choose_magnetometer(_of_devices(_mark_assumed(chosen), devices), choice, source)
-    wanted = wanted_places(asked, names, width, flat=flat is not None)
+    wanted = places_of_columns(asked, names, width, flat=flat is not None)
     chosen = by_name(names, values, wanted, units, clocks) if names else by_place(values, wanted, clocks)
     if chosen is None:
         return None
-    form = Form.of(asked_columns(asked, flat=flat is not None), names, width, rising_in(values))
+    form = Form.of(parse_columns(asked, flat=flat is not None), names, width, rising_in(values))
     chosen = _of_devices(replace(chosen, form=form), devices)
     if chosen.magnetometers:
         chosen = _choose_magnetometer(chosen, choice, source)
@@ -131,7 +131,7 @@ def _refuse_unclear(names: Sequence[str], values: Floats, source: str, heading: 
     """Raise an error for a table with references only, or whose names are inconclusive but whose values are not."""
     others = [each for each in vectors(names, list(map(meaning, names)), FIELD) if each.instead]
     if others:
-        what = numbered([f"{each.whole} ({each.instead})" for each in others])
+        what = list_names([f"{each.whole} ({each.instead})" for each in others])
         columns = ",".join(names[cell].strip() for cell in others[0].cells)
         raise NoMagnetometer(
             f"no readings of a magnetometer among the columns of {source}: their names say otherwise: {what}; "
@@ -139,12 +139,12 @@ def _refuse_unclear(names: Sequence[str], values: Floats, source: str, heading: 
             hint={"columns": columns},
         )
     width = values.shape[1]
-    judged = groups(values, [place for place in range(width) if not names or tells_nothing(names[place])], names)
+    judged = groups(values, [place for place in range(width) if not names or is_inconclusive(names[place])], names)
     if any(group.is_candidate or group.is_known or (names and len(group.names) > 1) for group in judged):
         nameless = f"{source} has {width} columns and {heading}: need three, x y z, or four with the time first"
         what = f"names do not identify the magnetometer among the columns of {source}" if names else nameless
         first = [f"{number}: {cell.strip()}" for number, cell in enumerate(cells, 1)]
-        shown = f"; its first line by its columns is {listed(first)}" if cells and not names else ""
+        shown = f"; its first line by its columns is {list_columns(first)}" if cells and not names else ""
         told, hint = advice(judged)
         raise NoMagnetometer(f"{what}{shown}; {told}", hint=hint)
 
@@ -180,6 +180,6 @@ def _choose_magnetometer(columns: Columns, choice: Choice, source: str) -> Colum
         choice.refuse_alone(source)
         return columns
     names = [each.name for each in columns.magnetometers]
-    chosen = columns.magnetometers[choice.among(names, source)]
+    chosen = columns.magnetometers[choice.index_in(names, source)]
     others = tuple(f"{number} {name}" for number, name in enumerate(names[1:], 2)) if choice.is_open else ()
     return replace(chosen, magnetometers=columns.magnetometers, others=others)

@@ -18,7 +18,7 @@ from flinders.core.samples import COLUMNS, Samples
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import UnitError, figures
 from flinders.geometry import quaternions
-from flinders.readers._choice import Form, numbered
+from flinders.readers._choice import Form, list_names
 from flinders.readers._names import (
     ATTITUDE,
     AUXILIARY,
@@ -31,7 +31,7 @@ from flinders.readers._names import (
     kind_of_chip,
     label,
 )
-from flinders.readers._resample import shares
+from flinders.readers._resample import throttle_shares
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -47,10 +47,10 @@ if TYPE_CHECKING:
 
 Values: TypeAlias = "NDArray[np.floating] | Sequence[NDArray[np.floating]]"
 """(N,) numbers of each column that is read."""
-OF_MOTORS: Final = (CURRENTS, THROTTLES)  # kinds that may have a column for each motor
+MOTOR_KINDS: Final = (CURRENTS, THROTTLES)  # kinds that may have a column for each motor
 SAMPLE_KINDS: Final = COLUMNS[1:]  # kinds of auxiliary columns in `Samples`
 # functions that set values out of range to NaN
-VALIDATORS: Final = {THROTTLE: shares, THROTTLES: shares, ATTITUDE: quaternions.known}
+VALIDATORS: Final = {THROTTLE: throttle_shares, THROTTLES: throttle_shares, ATTITUDE: quaternions.valid_attitudes}
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +104,7 @@ class Columns:
         """Find the column of a kind."""
         return next((column for column in self.auxiliary if column.kind == kind), None)
 
-    def only(self, *kinds: str) -> Columns:
+    def with_only(self, *kinds: str) -> Columns:
         """Columns of the field, and auxiliary columns of these kinds only."""
         return replace(self, auxiliary=tuple(column for column in self.auxiliary if column.kind in kinds))
 
@@ -121,7 +121,7 @@ class Columns:
         return replace(self, auxiliary=(*self.auxiliary, *asked), magnetometers=several)
 
     @property
-    def needed(self) -> frozenset[int]:
+    def needed_cells(self) -> frozenset[int]:
         """Places without which a line cannot be used: the field, in both polarities if there are two."""
         return frozenset((*self.field.cells, *(self.reset.cells if self.reset else ())))
 
@@ -136,24 +136,24 @@ class Columns:
         reason = f"{strength.names[0]} (in {own.inside}, the field in {unit.inside}: give its unit or scale)"
         return replace(self, auxiliary=others, left_out=(*self.left_out, reason))
 
-    def in_told(self, unit: str) -> Columns:
+    def in_stated_unit(self, unit: str) -> Columns:
         """Columns in a unit that the table states outside its names; a unit in the names has priority."""
         told = self if self.unit else replace(self, unit=unit, stated=True, is_assumed=False)
-        return replace(told, magnetometers=tuple(each.in_told(unit) for each in self.magnetometers))
+        return replace(told, magnetometers=tuple(each.in_stated_unit(unit) for each in self.magnetometers))
 
-    def in_given(self, unit: str | None, scale: float | None) -> Columns:
+    def with_given_unit(self, unit: str | None, scale: float | None) -> Columns:
         """Columns that are no longer assumed, if the user states the unit."""
         return self if unit is None and scale is None else replace(self, is_assumed=False)
 
-    def taken(self, values: Values, column: Column) -> Floats:
+    def values_of_column(self, values: Values, column: Column) -> Floats:
         """(N, k) numbers of a column, taken from the values of `cells`."""
         return np.stack([values[self.cells.index(cell)] for cell in column.cells], axis=1, dtype=np.float64)
 
     def readings(self, values: Values) -> Floats:
         """(N, 3) field as recorded, from the values of `cells`; half of set minus reset, if both are recorded."""
-        field = self.taken(values, self.field)
+        field = self.values_of_column(values, self.field)
         if self.reset is not None:
-            field = (field - self.taken(values, self.reset)) / 2.0
+            field = (field - self.values_of_column(values, self.reset)) / 2.0
         if len(self.field.cells) == 2:
             level = np.zeros((len(field), 3))
             level[:, self.field.axes] = field
@@ -178,8 +178,8 @@ class Columns:
         parts = [f"left out {', '.join(self.left_out)}"] * bool(self.left_out)
         own = ", ".join(figures(value) for value in self.own_offset)
         parts += [f"the sensor's own offset, (set + reset) / 2, was {own} at the beginning"] * bool(own)
-        parts += [f"also there: {numbered(self.others)} (choose with --sensor)"] * bool(self.others)
-        return parts + [f"passed over: {numbered(self.passed_over)}"] * bool(self.passed_over)
+        parts += [f"also there: {list_names(self.others)} (choose with --sensor)"] * bool(self.others)
+        return parts + [f"passed over: {list_names(self.passed_over)}"] * bool(self.passed_over)
 
     def samples(
         self,
@@ -199,7 +199,7 @@ class Columns:
         asked = {each.names[0]: self._values_of(values, each) for each in self.auxiliary if each.kind == AUXILIARY}
         others = {each.kind: self._values_of(values, each) for each in self.auxiliary if each.kind in SAMPLE_KINDS}
         nameless = ",".join(self.field.names) * self.is_assumed
-        return Samples.recorded(
+        return Samples.from_reader(
             field,
             unit=unit,
             axes=axes,
@@ -214,12 +214,12 @@ class Columns:
         """Values of a column in the unit of `Samples`; NaN for invalid ones."""
         kind = column.kind
         with np.errstate(over="ignore", invalid="ignore"):
-            recorded = self.taken(values, column)
+            recorded = self.values_of_column(values, column)
             taken = (recorded - column.start) * column.factor
             if kind == TIME and len(column.cells) == 2:
                 taken = taken[:, :1] + 1e-9 * recorded[:, 1:]
         taken[np.isinf(taken)] = np.nan
-        if taken.shape[1] == 1 and kind not in OF_MOTORS:
+        if taken.shape[1] == 1 and kind not in MOTOR_KINDS:
             taken = taken[:, 0]
         return VALIDATORS[kind](taken) if kind in VALIDATORS else taken
 

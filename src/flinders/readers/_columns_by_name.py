@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.readers._columns import OF_MOTORS, Column, Columns, column_of
-from flinders.readers._instruments import Vector, companion, instruments, passed_over, polarities, vectors, without_set
+from flinders.readers._columns import MOTOR_KINDS, Column, Columns, column_of
+from flinders.readers._instruments import Vector, companion, instruments, polarities, similar_names, strip_set, vectors
 from flinders.readers._likeness import groups, is_numeric, without_numbers
 from flinders.readers._names import (
     ACCELERATION,
     ATTITUDE,
-    BARE,
+    BARE_CLEARNESS,
     CURRENT,
     FACTORS,
     FACTORS_OF_MOTORS,
@@ -33,13 +33,20 @@ from flinders.readers._names import (
     TIME,
     Meaning,
     clearness,
+    is_inconclusive,
     is_letter_of_time,
     is_like_time,
     meaning,
-    tells_nothing,
     unit_of_field,
 )
-from flinders.readers._times import cut_digits, falls, is_clock, is_temperature, timed_column, too_fast
+from flinders.readers._times import (
+    is_clock,
+    is_temperature,
+    reason_of_falling,
+    reason_of_missing_digits,
+    reason_of_unknown_unit,
+    with_time_factor,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -50,12 +57,12 @@ if TYPE_CHECKING:
 SHARES: Final = ("share", "percent", "pct", "%")  # units of a throttle from 0 to full; pulses start at `REST_US`
 REST_US: Final = 1000.0  # pulse width for zero throttle, in µs; full throttle is 1000 µs more
 PULSES_US: Final = (800.0, 2200.0)  # shortest and longest pulse width, in µs
-LAST: Final = 9  # rank of a time whose name is not recognised
+UNNAMED_TIME_RANK: Final = 9  # rank of a time whose name is not recognised
 NANOSECONDS: Final = re.compile(r"(.*?)(?:n|nano)(secs?)\b(.*)", re.IGNORECASE)
 """Name of a column of nanoseconds, next to one of whole seconds, as in ROS messages."""
 ONBOARD_COLUMN: Final = re.compile(r"(?:Ofs|MO)[XYZ]")
 """Columns of the message ``MAG`` of a flight log: offsets of the compass and of the motors' current."""
-OF_ROS: Final = ("magnetic_field.x", "magnetic_field/x")  # endings of names that sensor_msgs defines in tesla
+ROS_ENDINGS: Final = ("magnetic_field.x", "magnetic_field/x")  # endings of names that sensor_msgs defines in tesla
 # ratio of spreads, set plus reset over their difference, above which the reset is negated
 MIN_TURNED_RATIO: Final = 3.0
 RAW_NAME: Final = re.compile(r"raw|uncal", re.IGNORECASE)
@@ -81,7 +88,7 @@ def by_name(
     if not pairs or wanted:
         return _by_name(names, values, wanted, units, clocks)
     plain = ["" if place in pairs.values() else name for place, name in enumerate(names)]
-    bare = [without_set(name) if place in pairs else name for place, name in enumerate(plain)]
+    bare = [strip_set(name) if place in pairs else name for place, name in enumerate(plain)]
     chosen = _by_name(bare, values, (), units, clocks)
     return chosen and _with_pairs(chosen, names, values, pairs)
 
@@ -123,12 +130,12 @@ def _by_name(
         known = meanings[clock.cell]
         for cell in clock.cells:
             meanings[cell] = Meaning("")
-        meanings[clock.cell] = Meaning(TIME, unit="s", rank=known.rank + 2 if known.kind == TIME else LAST)
+        meanings[clock.cell] = Meaning(TIME, unit="s", rank=known.rank + 2 if known.kind == TIME else UNNAMED_TIME_RANK)
     open_axes = {place: known.axis for place, known in enumerate(meanings) if known.is_bare or not known.kind}
     is_abscissa = [axis for axis in open_axes.values() if axis] == ["x"]
     nameless = [place for place, axis in open_axes.items() if not names[place].strip() or (is_abscissa and axis)]
     if unnamed := [place for place in nameless if is_clock(values[:, place])]:  # ``X_Value`` without a y is no axis
-        meanings[unnamed[0]] = Meaning(TIME, rank=LAST)
+        meanings[unnamed[0]] = Meaning(TIME, rank=UNNAMED_TIME_RANK)
     sensors = vectors(names, meanings, FIELD)
     fields = instruments(sensors)
     free = [Meaning("") if place in wanted else known for place, known in enumerate(meanings)]
@@ -141,10 +148,10 @@ def _by_name(
     if not fields:
         return None
     read = {place for field in fields for place in field.cells}
-    unread = [place for place, name in enumerate(names) if name and place not in read and tells_nothing(name)]
+    unread = [place for place, name in enumerate(names) if name and place not in read and is_inconclusive(name)]
     judged = groups(values, unread, names) if len(unread) > 2 else []
     recognised = [str(group) for group in judged if group.is_known or group.is_candidate]
-    others = (*passed_over(sensors, fields), *recognised)
+    others = (*similar_names(sensors, fields), *recognised)
     several = len(fields) > 1
     made = [replace(header.columns_for(each), passed_over=others, name=each.name if several else "") for each in fields]
     apart = tuple(filter(None, (_incomplete(header, sensors), _on_board(names))))
@@ -166,7 +173,7 @@ def _incomplete(header: _Header, sensors: Sequence[Vector]) -> str:
     parts = [
         (name.strip(), own.axis)
         for place, (name, own) in enumerate(named)
-        if place not in known and own.kind == FIELD and own.axis and clearness(own.rank) < BARE
+        if place not in known and own.kind == FIELD and own.axis and clearness(own.rank) < BARE_CLEARNESS
     ]
     if len({axis for _, axis in parts}) < 2 and not any(RAW_NAME.search(name) for name, _ in parts):
         return ""
@@ -220,7 +227,7 @@ class _Header:
         columns += [column_of(ATTITUDE, [turned[axis] for axis in "wxyz"], self.names)] if len(turned) == 4 else []
         timed = partial(self.scalar, field=self.values[:, sensor.cells])
         columns += filter(None, (timed(kind) for kind in (TIME, TEMPERATURE, CURRENT, STRENGTH, THROTTLE)))
-        columns += filter(None, map(self.motors, OF_MOTORS))
+        columns += filter(None, map(self.motors, MOTOR_KINDS))
         for column in columns:
             if column.kind == RATE and not self.meanings[column.cells[0]].unit:
                 self._leave_out(", ".join(column.names), "neither deg/s nor rad/s in the names")
@@ -236,7 +243,7 @@ class _Header:
         first = column.cells[0]
         unit = self.meanings[first].unit
         if column.kind == TIME:
-            return timed_column(column, unit, self.values[:, first])
+            return with_time_factor(column, unit, self.values[:, first])
         factor = {**FACTORS, **FACTORS_OF_MOTORS}.get(column.kind, {}).get(unit, 1.0)
         start = REST_US if column.kind == THROTTLES and unit not in SHARES else 0.0
         return replace(column, factor=factor, start=start, unit=unit if column.kind == STRENGTH else "")
@@ -253,8 +260,8 @@ class _Header:
             reason = "" if is_numeric(self.values[:, place]) else without_numbers(self.values[:, place])
             if kind == TIME and not reason:
                 times, unit = self.values[:, place], self.meanings[place].unit
-                reason = falls(self.names[place], unit, times) or cut_digits(times, unit)
-                reason = reason or too_fast(times, unit, field)
+                reason = reason_of_falling(self.names[place], unit, times) or reason_of_missing_digits(times, unit)
+                reason = reason or reason_of_unknown_unit(times, unit, field)
             if not reason:
                 return self._clock_column(place) if place in self.clocks else column_of(kind, [place], self.names)
             self._leave_out(self.names[place].strip(), reason)
@@ -305,7 +312,7 @@ def _by_convention(names: Sequence[str], field: tuple[int, ...]) -> str:
     """The unit that a known format implies: ROS messages, or the app Sensor Logger."""
     first = names[field[0]].casefold()
     is_printed = first == "magnetic_field x" and any(name.startswith("magnetic_field_covariance") for name in names)
-    if is_printed or first.endswith(OF_ROS):
+    if is_printed or first.endswith(ROS_ENDINGS):
         return "T"
     return "uT" if {name.strip().casefold() for name in names} >= {"seconds_elapsed", "x", "y", "z"} else ""
 

@@ -13,9 +13,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flinders.readers._columns import Column, Columns, column_of
-from flinders.readers._likeness import ascends, has_clock, is_numeric, only_rises
+from flinders.readers._likeness import has_clock, is_ascending, is_numeric, only_rises
 from flinders.readers._names import FIELD, TIME
-from flinders.readers._times import cut_digits, is_clock, seconds_and_nanoseconds, timed_column, too_fast
+from flinders.readers._times import (
+    is_clock,
+    reason_of_missing_digits,
+    reason_of_unknown_unit,
+    seconds_and_nanoseconds,
+    with_time_factor,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -38,7 +44,7 @@ def by_place(
     told.update(parted)
     free = tuple(place for place in range(values.shape[1]) if place not in told)
     free = tuple(place for place in axes_of(values) if place in free) if sensor else free
-    timed = len(free) == 4 and not told and ascends(values[:, free[0]])
+    timed = len(free) == 4 and not told and is_ascending(values[:, free[0]])
     field = tuple(wanted) or (free if len(free) == 3 else free[1:] if timed else ())
     if not field or (not wanted and has_clock(values[:, field])):
         return None
@@ -57,14 +63,16 @@ def _time_by_place(
     if clocks:
         column = replace(column_of(TIME, clocks[0].cells, ()), cells=(clocks[0].cell,), clock=clocks[0])
         times = values[:, clocks[0].cell]
-        return timed_column(column, "s", times), cut_digits(times, "s")
+        return with_time_factor(column, "s", times), reason_of_missing_digits(times, "s")
     if parted:
-        return timed_column(column_of(TIME, parted, ()), "s", values[:, parted[0]]), ""
+        return with_time_factor(column_of(TIME, parted, ()), "s", values[:, parted[0]]), ""
     place = _clock(values, field)
     if place is None:
         return None, ""
     times = values[:, place]
-    return timed_column(column_of(TIME, [place], ()), "", times), too_fast(times, "", values[:, field])
+    return with_time_factor(column_of(TIME, [place], ()), "", times), reason_of_unknown_unit(
+        times, "", values[:, field]
+    )
 
 
 def axes_of(values: Floats) -> list[int]:
@@ -77,4 +85,4 @@ def _clock(values: Floats, field: Sequence[int]) -> int | None:
     """Place of the time without header: an ascending column that is no counter, else an ascending first one."""
     free = [place for place in range(values.shape[1]) if place not in field]
     clocks = [place for place in free if is_clock(values[:, place])]
-    return next(iter([*clocks, *(place for place in free if place == 0 and ascends(values[:, place]))]), None)
+    return next(iter([*clocks, *(place for place in free if place == 0 and is_ascending(values[:, place]))]), None)

@@ -1,7 +1,7 @@
 """Delimiter and decimal sign of a text: the pair that yields the most numbers from the first lines.
 
 >>> lines = list(enumerate(["x;y;z", "20,1;-3,0;41,2", "20,2;-3,1;41,3"]))
->>> best = max((cut_at(lines, signs) for signs in signs_of(lines)), key=Cut.score)
+>>> best = max((split_lines(lines, signs) for signs in signs_of(lines)), key=Cut.score)
 >>> best.signs, list(best.rows)
 ((';', ','), [1, 2])
 """
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
-from flinders.readers._cells import COMMENTS, GLUED, SPACES, number, split
+from flinders.readers._cells import COMMENTS, JOINED_DECIMALS, SPACES, parse_number, split
 
 SIGNS: Final = (
     (",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ","), (SPACES, "."), (SPACES, ","), (",", ","),
@@ -41,13 +41,13 @@ def signs_of(lines: list[tuple[int, str]]) -> list[tuple[str, str]]:
     whole = "\n".join(text for _, text in lines)
     has_comma, has_quote = "," in whole, '"' in whole
     there = {delimiter for delimiter, _ in SIGNS if delimiter in whole} - {SPACES}
-    if any(len(text.split()) > 1 for _, text in lines) or GLUED.search(whole.replace('"', "")):
+    if any(len(text.split()) > 1 for _, text in lines) or JOINED_DECIMALS.search(whole.replace('"', "")):
         there.add(SPACES)
     decimals = (signs for signs in SIGNS if signs[0] in there)
     return [signs for signs in decimals if signs[1] == "." or (has_quote if signs[0] == "," else has_comma)]
 
 
-def cut_at(lines: list[tuple[int, str]], signs: tuple[str, str], least: int = 3) -> Cut:
+def split_lines(lines: list[tuple[int, str]], signs: tuple[str, str], least: int = 3) -> Cut:
     """Split lines; rows have at least `least` numbers, and at least as many numbers as words."""
     delimiter, decimal = signs
     rows, values, total = {}, {}, 0
@@ -55,7 +55,7 @@ def cut_at(lines: list[tuple[int, str]], signs: tuple[str, str], least: int = 3)
         cells = split(text, delimiter)
         if len(cells) < least:
             continue
-        known = [number(cell, decimal) for cell in cells]
+        known = [parse_number(cell, decimal) for cell in cells]
         blank, words = len(cells) - len(list(filter(str.strip, cells))), known.count(None)
         numbers = len(cells) - blank - words
         if numbers >= least and numbers >= words:
@@ -67,4 +67,4 @@ def cut_at(lines: list[tuple[int, str]], signs: tuple[str, str], least: int = 3)
 def first_row(texts: list[str], after: int, start: int) -> int:
     """Place of the first line that looks like a reading with any delimiter, also if it cannot be read."""
     between = [(place, text) for place, text in enumerate(texts[after:start], after) if not is_comment(text)]
-    return min((place for signs in SIGNS for place in cut_at(between, signs).rows), default=start)
+    return min((place for signs in SIGNS for place in split_lines(between, signs).rows), default=start)

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from itertools import compress
 from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 
-from flinders.readers._cells import number
+from flinders.readers._cells import parse_number
 from flinders.readers._instruments import magnetometers
 from flinders.readers._names import ACCELERATION, FIELD, RATE, Meaning, meaning, words_of
 from flinders.readers._tokenizer import QUANTITY
@@ -44,7 +44,7 @@ INSTANCE: Final = "I"
 CLOCK_OF_INSTANCES: Final = "TimeUS"
 MAX_SENSORS: Final = 32
 """Largest number of different words in a column that names the sensor of each row."""
-LEAST_LETTERS: Final = 3
+MIN_LETTERS: Final = 3
 """Smallest length of such a word, in letters; ``A`` and ``M`` may be states."""
 _SENSOR: Final = re.compile(r"(sensor|type|kind|name|source|topic|stream|signal|modality)s?")
 """Words in names of columns that name the sensor of each row."""
@@ -59,7 +59,7 @@ _AROUND: Final = " \"'()[]:#,;"  # characters around a word that are ignored
 _ADDRESS: Final = re.compile(
     r"[\da-f]{2}([:-][\da-f]{2})+|\d+(\.\d+){3}|0x[\da-f]+|[a-z]{1,16}[-_#]?\d{1,8}|[\da-f]{8,32}", re.IGNORECASE
 )
-_OTHER: Final = re.compile(
+_OTHER_MEANINGS: Final = re.compile(
     r"trial|session|run|test|exp|experiment|label|class|category|activity|state|status|mode|quality|accuracy|acc|cal"
     r"|calib|event|msg|message|packet|frame|seq|sequence|sample|reading|row|record|recording|line|index|idx|count"
     r"|counter|time|timestamp|date|day|lap|track|path|trip|segment|section|step|phase|epoch|block|batch|group|set"
@@ -85,7 +85,8 @@ class Device:
     def is_of_other(self, cells: Sequence[str]) -> bool:
         """Whether a row belongs to another device; a row that is cut short may belong to any."""
         return any(
-            cell < len(cells) and bare(cells[cell]) != word for cell, word in zip(self.cells, self.words, strict=True)
+            cell < len(cells) and normalise_word(cells[cell]) != word
+            for cell, word in zip(self.cells, self.words, strict=True)
         )
 
 
@@ -97,7 +98,7 @@ class SensorColumn(NamedTuple):
 
     def is_of_first(self, row: Sequence[str]) -> bool:
         """Tell whether a row belongs to the first of these magnetometers."""
-        return self.place < len(row) and bare(row[self.place]) == self.words[0]
+        return self.place < len(row) and normalise_word(row[self.place]) == self.words[0]
 
     def devices(self, names: Sequence[str], others: Sequence[Device]) -> tuple[Device, ...]:
         """A device for each magnetometer, combined with each device of the other columns."""
@@ -134,15 +135,15 @@ def sensors_of_words(words: Iterable[str]) -> dict[str, Meaning]:
     >>> {word: known.kind for word, known in sensors_of_words(["GYRO", "gravity", "Fix", "mag", "12"]).items()}
     {'GYRO': 'rate', 'gravity': 'acceleration', 'mag': 'field'}
     """
-    different = sorted({bare(word) for word in words})
+    different = sorted({normalise_word(word) for word in words})
     if len(different) > MAX_SENSORS:
         return {}
-    told = [word for word in different if len(word) >= LEAST_LETTERS and number(word, ".") is None]
+    told = [word for word in different if len(word) >= MIN_LETTERS and parse_number(word, ".") is None]
     known = {word: Meaning(ACCELERATION) if QUANTITY.search(word) else meaning(f"{word} x") for word in told}
     return {word: each for word, each in known.items() if each.kind in (FIELD, ACCELERATION, RATE) and not each.is_bare}
 
 
-def tells_rows_apart(name: str) -> bool:
+def may_distinguish_rows(name: str) -> bool:
     """Tell whether a column's name may indicate a device or sensor of each row."""
     return names_device(name) or names_sensor(name)
 
@@ -164,14 +165,14 @@ def names_device(name: str, header: Sequence[str] = ()) -> bool:
     if name.strip() == INSTANCE and CLOCK_OF_INSTANCES in header:
         return True
     words = [word.casefold() for word in words_of(name)]
-    is_plain = not any(map(_OTHER.fullmatch, words)) and any(map(_DEVICE.fullmatch, words))
+    is_plain = not any(map(_OTHER_MEANINGS.fullmatch, words)) and any(map(_DEVICE.fullmatch, words))
     return is_plain and not (meaning(name).kind or meaning(name).axis)
 
 
-def bare(cell: str) -> str:
+def normalise_word(cell: str) -> str:
     """Normalise a word for comparison; a whole number may have decimals.
 
-    >>> bare(" 3.0"), bare("'B4:01'"), bare("10.0.0.7")
+    >>> normalise_word(" 3.0"), normalise_word("'B4:01'"), normalise_word("10.0.0.7")
     ('3', 'B4:01', '10.0.0.7')
     """
     word = cell.strip(_AROUND)
@@ -189,7 +190,7 @@ def are_ids(words: Iterable[str], *, is_ahead: bool) -> bool:
     >>> are_ids(["2", "1"], is_ahead=True), are_ids(["2", "1"], is_ahead=False), are_ids(["on", "off"], is_ahead=True)
     (True, False, False)
     """
-    known = {bare(word) for word in words}
+    known = {normalise_word(word) for word in words}
     if not 2 <= len(known) <= MAX_DEVICES:
         return False
     if all(map(_ADDRESS.fullmatch, known)):
@@ -207,7 +208,7 @@ def devices_in(names: Sequence[str], places: Sequence[int], rows: Rows) -> tuple
     tallies = {place: _Tally() for place in places}
     for words in rows():
         for tally, word in zip(tallies.values(), words, strict=True):
-            tally.add(bare(word))
+            tally.add(normalise_word(word))
     telling = {place: tally.devices for place, tally in tallies.items() if tally.devices}
     if not telling:
         return ()
@@ -216,7 +217,7 @@ def devices_in(names: Sequence[str], places: Sequence[int], rows: Rows) -> tuple
     found: list[tuple[str, ...]] = [(word,) for word in telling[most]]
     if len(telling) > 1:
         is_telling = [place in telling for place in places]
-        counts = Counter(tuple(map(bare, compress(words, is_telling))) for words in rows())
+        counts = Counter(tuple(map(normalise_word, compress(words, is_telling))) for words in rows())
         together = [words for words, count in counts.items() if count >= MIN_READINGS]
         cells, found = (tuple(telling), together) if len(together) > len(found) else (cells, found)
     columns = tuple(names[cell].strip() if names else str(cell + 1) for cell in cells)
@@ -250,7 +251,7 @@ class _Tally:
 
 def _is_name(word: str) -> bool:
     """Tell whether a word is a name, address or whole number rather than a measured value."""
-    value = number(word, ".")
+    value = parse_number(word, ".")
     return len(word) <= MAX_LETTERS if value is None else value.is_integer()
 
 

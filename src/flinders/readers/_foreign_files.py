@@ -26,7 +26,7 @@ def refuse_foreign(name: str, head: bytes) -> None:
 WIDE_BOMS: Final = (BOM_UTF32_LE, BOM_UTF32_BE, BOM_UTF16_LE, BOM_UTF16_BE)
 CONTROLS: Final = bytes(set(range(32)) - {9, 10, 12, 13, 27}) + b"\x7f"
 """Bytes that text does not contain: all control bytes but tab, line ends, form feed and escape."""
-MOST_CONTROLS: Final = 0.02
+MAX_CONTROL_SHARE: Final = 0.02
 """Largest share of control bytes in text; random bytes have 0.11."""
 
 
@@ -136,4 +136,4 @@ def is_binary(head: bytes) -> bool:
     filled = head.rstrip(b"\x00")
     if not filled:
         return bool(head)
-    return len(filled) - len(filled.translate(None, CONTROLS)) > MOST_CONTROLS * len(filled)
+    return len(filled) - len(filled.translate(None, CONTROLS)) > MAX_CONTROL_SHARE * len(filled)

@@ -20,10 +20,10 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from flinders.core.frames import columns_of, hands_out_columns, name_of
-from flinders.core.samples import BLOCK
+from flinders.core.samples import BLOCK_ROWS
 from flinders.errors import MissingExtra
-from flinders.foreign_errors import needs
-from flinders.readers._devices import tells_rows_apart
+from flinders.foreign_errors import import_optional
+from flinders.readers._devices import may_distinguish_rows
 from flinders.readers._source import File
 from flinders.readers._table import Labels, Table, TableRecording, open_table
 from flinders.readers.parquet import table_of
@@ -59,7 +59,7 @@ def open_columns(columns: dict[str, Any], name: str, /, **options: Any) -> Table
 def _of_columns(columns: dict[str, Any], source: str) -> Table:
     """Table of the columns that hold numbers, dates, or names of devices and sensors."""
     arrays = {name: _numbers(column) for name, column in columns.items()}
-    labels = {name: Labels() for name, array in arrays.items() if array is None and tells_rows_apart(name)}
+    labels = {name: Labels() for name, array in arrays.items() if array is None and may_distinguish_rows(name)}
     arrays |= {name: known.numbers(words_of(columns[name])) for name, known in labels.items()}
     words = {name: words_of(columns[name]) for name, array in arrays.items() if array is None}
     numbers = {name: array for name, array in arrays.items() if array is not None}
@@ -89,9 +89,9 @@ def words_of(column: Any) -> Any:  # noqa: ANN401
 
 def _of_arrow(frame: Any, name: str) -> Table:  # noqa: ANN401
     """Table of columns that are exported as an Arrow stream."""
-    table = needs("pyarrow", "parquet", f"a {name}").table(frame)
+    table = import_optional("pyarrow", "parquet", f"a {name}").table(frame)
 
     def batches(names: list[str]) -> Iterator[Any]:
-        yield from table.select(names).to_batches(max_chunksize=BLOCK)
+        yield from table.select(names).to_batches(max_chunksize=BLOCK_ROWS)
 
     return table_of(KIND, table.schema, table.num_rows, batches, name)

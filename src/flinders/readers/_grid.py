@@ -22,8 +22,8 @@ from typing import TYPE_CHECKING, Final, Self, TypeAlias
 
 import numpy as np
 
-from flinders.readers._cells import SPACES, fits, number, split
-from flinders.readers._lines import CUT_OFF, Lines
+from flinders.readers._cells import SPACES, has_width, parse_number, split
+from flinders.readers._lines import CUT_MARK, Lines
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -33,11 +33,11 @@ if TYPE_CHECKING:
 
 PIECE_LINES: Final = 128  # lines per piece in which lines are read one by one if one is invalid
 Parse: TypeAlias = "Callable[[Lines], Floats | None]"
-LEAST_FOR_ARROW: Final = 8 << 20
+MIN_BYTES_FOR_ARROW: Final = 8 << 20
 """Smallest file in bytes for which pyarrow pays off: it saves 17 ms per MB, and its import takes 0.05 to 0.1 s."""
 BLOCKS_AT_ONCE: Final = 6
 """Blocks of lines per call of pyarrow: a call costs 0.4 ms, a quarter of the time to parse a block."""
-UNSAFE_TEXTS: Final = ('"', "(", "\ufeff", CUT_OFF)
+UNSAFE_TEXTS: Final = ('"', "(", "\ufeff", CUT_MARK)
 """Text that pyarrow must not get: quotes, numbers only it accepts (``nan(1)``), a truncated line."""
 
 
@@ -55,9 +55,9 @@ class Grid:
     def row(self, text: str) -> list[float] | None:
         """Parse one line; None if it has the wrong number of cells, or text in a needed one."""
         cells = split(text, self.delimiter)
-        if not fits(cells, self.width) if self.width else len(cells) <= max(self.needed):
+        if not has_width(cells, self.width) if self.width else len(cells) <= max(self.needed):
             return None
-        row = [number(cells[cell], self.decimal) if cell < len(cells) else math.nan for cell in self.cells]
+        row = [parse_number(cells[cell], self.decimal) if cell < len(cells) else math.nan for cell in self.cells]
         if any(value is None and cell in self.needed for cell, value in zip(self.cells, row, strict=True)):
             return None
         known = [math.nan if value is None else value for value in row]
@@ -85,11 +85,11 @@ class NumberRows:
         lines = self.lines
         return np.arange(lines.start, lines.stop, dtype=float) if isinstance(lines, range) else np.array(lines, float)
 
-    def past(self, midnights: Midnights, grid: Grid) -> Self:
+    def with_unwrapped_times(self, midnights: Midnights, grid: Grid) -> Self:
         """The same rows with times of day unwrapped past midnight."""
         if grid.clock and not grid.clock.is_dated:
             place = grid.cells.index(grid.clock.cell)
-            self.values[:, place] = midnights.past(self.values[:, place])
+            self.values[:, place] = midnights.unwrap(self.values[:, place])
         return self
 
 
@@ -124,7 +124,7 @@ def _at_once(texts: list[str], grid: Grid) -> Floats:
         cells = map(len, map(str.split, texts)) if spaces else map(str.count, texts, repeat(grid.delimiter))
         if set(cells) != {grid.width - (not spaces)}:
             raise ValueError
-    if not grid.width and any(text.endswith(CUT_OFF) for text in texts):
+    if not grid.width and any(text.endswith(CUT_MARK) for text in texts):
         raise ValueError
     if grid.decimal == ",":
         if grid.delimiter == ",":

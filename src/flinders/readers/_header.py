@@ -12,17 +12,17 @@ import re
 from itertools import zip_longest
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from flinders.core.units import PARTED, SPELLINGS
+from flinders.core.units import SEPARATE_PREFIX, SPELLINGS
 from flinders.errors import NoMagnetometer, UsageError
 from flinders.readers._asked_columns import parts_of
-from flinders.readers._cells import COMMENTS, SPACES, fits, number, split
+from flinders.readers._cells import COMMENTS, SPACES, has_width, parse_number, split
 from flinders.readers._delimiters import SIGNS, is_comment
-from flinders.readers._heading import shifted
+from flinders.readers._heading import place_names
 from flinders.readers._instruments import names_magnetometer, vectors
 from flinders.readers._likeness import XYZ, advice, groups
 from flinders.readers._names import ACCELERATION, FIELD, RATE, Meaning, is_unit, meaning
-from flinders.readers._refusals import MOST_ABOVE, ranges
-from flinders.readers._tokenizer import shown
+from flinders.readers._refusals import MAX_LINES_ABOVE, ranges
+from flinders.readers._tokenizer import shorten
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -59,7 +59,7 @@ def find_header(above: list[str], delimiter: str, filled: int, width: int) -> tu
     fallback: tuple[int, list[str]] = (-1, [])
     for place in range(len(above) - 1, -1, -1):
         names = _names_in(above[place], delimiter)
-        if not (fits(names, width) or filled <= len(names) < width):
+        if not (has_width(names, width) or filled <= len(names) < width):
             continue
         names = names[:width]
         if all(is_unit(name) for name in names if name):
@@ -103,7 +103,7 @@ def find_misfit(
         is_close = least <= len(names) <= width + MAX_EXTRA_NAMES * (sign == delimiter)
         is_meant = set(wanted) <= set(map(str.casefold, names)) if wanted else names_magnetometer(names)
         if is_close and is_meant:
-            header = names if len(names) == width else shifted(names, values, clocks, wanted)
+            header = names if len(names) == width else place_names(names, values, clocks, wanted)
             if header or asked is None or wanted:
                 return _require_places(name, _Misfit(place, len(names), header, above[place]), values, wanted)
         could_be = is_close and sign == delimiter and not is_comment(above[place])
@@ -116,7 +116,7 @@ def _require_places(name: str, found: _Misfit, values: Floats, wanted: Sequence[
     """Return the header if its names are placed; else raise an error that asks for the columns."""
     if found.names:
         return found
-    what = f"{found.words(values.shape[1])} (line {found.place + 1}: {shown(found.text)!r})"
+    what = f"{found.words(values.shape[1])} (line {found.place + 1}: {shorten(found.text)!r})"
     if wanted:
         asked = ",".join(wanted)
         raise UsageError(f"columns {asked!r}: {name} has {what}, so their places are ambiguous: give numbers")
@@ -131,7 +131,7 @@ def _named_in(text: str, delimiter: str) -> list[str]:
     while names and not names[-1]:
         names.pop()
     filled = list(filter(None, names))
-    is_text = all(number(name, ".") is None for name in filled) and len(set(filled)) == len(filled)
+    is_text = all(parse_number(name, ".") is None for name in filled) and len(set(filled)) == len(filled)
     return names if is_text else []
 
 
@@ -165,7 +165,7 @@ def units_below(below: list[str], delimiter: str, width: int) -> list[str]:
     for text in below:
         cells = [cell.strip("[]()") for cell in _names_in(text, delimiter)]
         units = [cell if is_unit(cell) else "" for cell in cells]
-        if fits(cells, width) and sum(map(bool, units)) >= max(3, sum(map(bool, cells)) / 2):
+        if has_width(cells, width) and sum(map(bool, units)) >= max(3, sum(map(bool, cells)) / 2):
             return units
     return []
 
@@ -175,14 +175,16 @@ def stated_unit(header: Sequence[str], rows: Sequence[Sequence[str]], above: Seq
     places = [place for place, name in enumerate(header) if _UNITS.fullmatch(name.strip())]
     words = [{row[place].strip() for row in rows if place < len(row)} for place in places]
     said = [word for each in words if len(each) == 1 for word in each]
-    lines = filter(None, map(_SAYS_UNIT.fullmatch, above[:MOST_ABOVE]))
+    lines = filter(None, map(_SAYS_UNIT.fullmatch, above[:MAX_LINES_ABOVE]))
     said += [match[1] for match in lines]
-    known = (SPELLINGS.get(PARTED.sub(r"\1", word).casefold(), "") for word in said if word not in _OTHER_UNITS)
+    known = (
+        SPELLINGS.get(SEPARATE_PREFIX.sub(r"\1", word).casefold(), "") for word in said if word not in _OTHER_UNITS
+    )
     return next(filter(None, known), "")
 
 
 def _could_name(names: list[str], delimiter: str) -> bool:
     """Tell whether names are a header, not a sentence: no numbers; between spaces, a recognised name."""
-    if not any(names) or any(name and number(name, ".") is not None for name in names):
+    if not any(names) or any(name and parse_number(name, ".") is not None for name in names):
         return False
     return delimiter != SPACES or any(meaning(name).kind for name in names)

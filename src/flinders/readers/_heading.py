@@ -6,9 +6,9 @@ only rise. If two placements of the magnetometer remain, none is used.
 
 >>> tumble = 45 * np.random.default_rng(1).normal(size=(50, 3))
 >>> clock = np.arange(50.0)[:, np.newaxis]
->>> shifted(["mx", "my", "mz"], np.hstack([clock, tumble]))
+>>> place_names(["mx", "my", "mz"], np.hstack([clock, tumble]))
 ['', 'mx', 'my', 'mz']
->>> shifted(["t", "mx", "my", "mz"], np.hstack([clock, tumble, 0 * clock]))
+>>> place_names(["t", "mx", "my", "mz"], np.hstack([clock, tumble, 0 * clock]))
 ['t', 'mx', 'my', 'mz', '']
 """
 
@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.readers._instruments import magnetometers
-from flinders.readers._likeness import ascends, fits_beside, is_no_axis
+from flinders.readers._likeness import choose_magnetometer, is_ascending, is_no_axis
 from flinders.readers._names import ACCELERATION, FIELD, RATE, TIME, is_letter_of_time, meaning
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ AXIS_PENALTY: Final = 10  # penalty of an axis that cannot be one, and of a miss
 TIME_PENALTY: Final = 3  # penalty of a time that does not rise
 
 
-def shifted(
+def place_names(
     names: Sequence[str], values: Floats, clocks: Sequence[Clock] = (), wanted: Collection[str] = ()
 ) -> list[str]:
     """One name per column, empty if it has none; an empty list if the values leave the placement open.
@@ -49,7 +49,7 @@ def shifted(
             places[cells] = weight, header
     least = min((weight for weight, _ in places.values()), default=AXIS_PENALTY)
     best = {cells: header for cells, (weight, header) in places.items() if weight == least}
-    chosen = fits_beside(values, list(best)) if len(best) > 1 else next(iter(best), None)
+    chosen = choose_magnetometer(values, list(best)) if len(best) > 1 else next(iter(best), None)
     return best[chosen] if chosen else []
 
 
@@ -91,6 +91,6 @@ def _penalty(header: Sequence[str], values: Floats, field: Sequence[int], told: 
 
 def _time_penalty(column: Floats) -> int:
     """Penalty of a column with the name of a time: it has to rise, and must not count rows."""
-    if not ascends(column):
+    if not is_ascending(column):
         return TIME_PENALTY
     return int(set(np.diff(column[np.isfinite(column)])) == {1.0})

@@ -24,18 +24,18 @@ from collections import Counter, defaultdict
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from flinders.readers._names import (
-    BARE,
-    CALIBRATED,
+    BARE_CLEARNESS,
+    CALIBRATED_RANK,
     FIELD,
     Meaning,
     clearness,
     field_stem,
+    identifies_sensor,
+    kind_of_no_readings,
     label,
-    manner,
     meaning,
-    no_readings,
     sensor_name,
-    tells_apart,
+    source_rank,
     words_of_sensor,
 )
 
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
 MIN_PAIRED_NUMBER: Final = 10  # from this bare number on, a sensor's number needs a neighbour: they count from 0 or 1
-LONGEST: Final = 9  # largest count of digits in a number; a longer word is text
+MAX_DIGITS: Final = 9  # largest count of digits in a number; a longer word is text
 
 
 class Vector(NamedTuple):
@@ -59,7 +59,7 @@ class Vector(NamedTuple):
     @property
     def number(self) -> tuple[str, ...]:
         """The numbers and places in its label; the whole label if it has none."""
-        return tuple(word for word in self.label if _is_number(word) or tells_apart(word)) or self.label
+        return tuple(word for word in self.label if _is_number(word) or identifies_sensor(word)) or self.label
 
 
 def vectors(names: Sequence[str], meanings: Sequence[Meaning], kind: str) -> list[Vector]:
@@ -81,7 +81,7 @@ def vectors(names: Sequence[str], meanings: Sequence[Meaning], kind: str) -> lis
             first, again = names[cells[0]], (str(time),) if time > 1 else ()
             name, whole = (" ".join((sensor_name(first, letters[0], whole=each), *again)) for each in (False, True))
             marks = (*label(first), *again)
-            made.append(Vector(cells, meanings[cells[0]].rank, marks, name, whole, no_readings(first)))
+            made.append(Vector(cells, meanings[cells[0]].rank, marks, name, whole, kind_of_no_readings(first)))
     return sorted(made, key=lambda vector: min(vector.cells))
 
 
@@ -90,7 +90,7 @@ def _letters(axes: Iterable[str]) -> str:
     return next((letters for letters in ("xyz", "012", "123") if set(letters) <= set(axes)), "")
 
 
-SET: Final = re.compile(r"_?(?<![a-zA-Z])(?:set|SET)(?![a-zA-Z])_?|_?Set(?![a-z])_?")
+SET_WORD: Final = re.compile(r"_?(?<![a-zA-Z])(?:set|SET)(?![a-zA-Z])_?|_?Set(?![a-z])_?")
 """Part of a name for readings after a set pulse; after a reset pulse ``reset`` is in its place."""
 
 
@@ -101,17 +101,21 @@ def polarities(names: Sequence[str]) -> dict[int, int]:
     ({1: 2}, {1: 0})
     """
     places = {name.strip().casefold(): place for place, name in enumerate(names)}
-    others = ((place, SET.sub(_reset, name.strip()).casefold()) for place, name in enumerate(names) if SET.search(name))
+    others = (
+        (place, SET_WORD.sub(_reset, name.strip()).casefold())
+        for place, name in enumerate(names)
+        if SET_WORD.search(name)
+    )
     return {place: places[other] for place, other in others if other in places}
 
 
-def without_set(name: str) -> str:
+def strip_set(name: str) -> str:
     """The name without the word ``set``.
 
-    >>> without_set("mx_set_uT"), without_set("mag_x_set"), without_set("xSet"), without_set("Set X")
+    >>> strip_set("mx_set_uT"), strip_set("mag_x_set"), strip_set("xSet"), strip_set("Set X")
     ('mx_uT', 'mag_x', 'x', ' X')
     """
-    return SET.sub(lambda match: "_" if len(match[0].strip("_")) == len(match[0]) - 2 else "", name)
+    return SET_WORD.sub(lambda match: "_" if len(match[0].strip("_")) == len(match[0]) - 2 else "", name)
 
 
 def _reset(match: re.Match[str]) -> str:
@@ -136,27 +140,27 @@ def instruments(sensors: Sequence[Vector]) -> tuple[Vector, ...]:
     by `_quality` is selected; the result is empty without readings.
     """
     readings = [vector for vector in sensors if not vector.instead]
-    if any(manner(vector.whole) == 0 and vector.rank < CALIBRATED for vector in readings):
+    if any(source_rank(vector.whole) == 0 and vector.rank < CALIBRATED_RANK for vector in readings):
         readings = [
-            vector for vector in readings if vector.label or manner(vector.whole) < 2
+            vector for vector in readings if vector.label or source_rank(vector.whole) < 2
         ]  # a modelled field next to it
-    readings = [vector for vector in readings if clearness(vector.rank) < BARE] or readings
+    readings = [vector for vector in readings if clearness(vector.rank) < BARE_CLEARNESS] or readings
     if not readings:
         return ()
     kinds: dict[tuple[str, ...], Vector] = {}
     for vector in sorted(readings, key=_quality):
         kinds.setdefault(vector.label, vector)
-    rawer = [kind for kind in kinds.values() if kind.rank < CALIBRATED]
+    rawer = [kind for kind in kinds.values() if kind.rank < CALIBRATED_RANK]
     several = _distinct_sensors([kind for kind in kinds.values() if not _is_copy(kind, rawer)])
-    ordered = sorted(several, key=lambda vector: (vector.rank >= CALIBRATED, min(vector.cells)))
+    ordered = sorted(several, key=lambda vector: (vector.rank >= CALIBRATED_RANK, min(vector.cells)))
     return tuple(ordered) or (min(readings, key=_quality),)
 
 
-def passed_over(sensors: Sequence[Vector], fields: Sequence[Vector]) -> tuple[str, ...]:
+def similar_names(sensors: Sequence[Vector], fields: Sequence[Vector]) -> tuple[str, ...]:
     """Names of sensors that look as much like a magnetometer as the selected ones, with their kind if known."""
-    least = max(BARE - 1, max((clearness(each.rank) for each in fields), default=0))
+    least = max(BARE_CLEARNESS - 1, max((clearness(each.rank) for each in fields), default=0))
     others = [each for each in sensors if each not in fields and clearness(each.rank) <= least]
-    kinds = [(each.whole, each.instead or "corrected or filtered" * (each.rank >= CALIBRATED)) for each in others]
+    kinds = [(each.whole, each.instead or "corrected or filtered" * (each.rank >= CALIBRATED_RANK)) for each in others]
     return tuple(f"{whole} ({what})" if what else whole for whole, what in kinds)
 
 
@@ -183,7 +187,7 @@ def _distinct_sensors(sensors: Sequence[Vector]) -> list[Vector]:
 
     def counts(word: str) -> bool:
         is_sensors = bool(shared) or word in folders
-        return tells_apart(word) or (_is_number(word) and (is_sensors or _is_sensor_number(numbers, int(word))))
+        return identifies_sensor(word) or (_is_number(word) and (is_sensors or _is_sensor_number(numbers, int(word))))
 
     counted = [each for each, words in rest if all(map(counts, words))]
     if len(counted) > 1:
@@ -202,7 +206,7 @@ def _are_consecutive(letters: Iterable[str]) -> bool:
 
 def _is_number(word: str) -> bool:
     """Tell whether a word is a number of usual length."""
-    return word.isdecimal() and len(word) <= LONGEST
+    return word.isdecimal() and len(word) <= MAX_DIGITS
 
 
 def _is_sensor_number(numbers: set[int], number: int) -> bool:
@@ -215,7 +219,7 @@ def _is_copy(one: Vector, rawer: Sequence[Vector]) -> bool:
 
     Beside ``mag2`` a ``mag1_cal`` is another magnetometer; ``mag2_cal`` is not, nor is ``mag_cal``.
     """
-    if one.rank < CALIBRATED or not rawer:
+    if one.rank < CALIBRATED_RANK or not rawer:
         return False
     manner = set(map(_is_number, one.label))  # by numbers, by words, by both or not at all
     is_named_after = any(set(other.label) <= set(one.label) for other in rawer)
@@ -227,6 +231,6 @@ def _quality(vector: Vector) -> tuple[int, int, bool, int, int, int]:
 
     A b may be a bias.
     """
-    foreign = sum(not (_is_number(word) or tells_apart(word)) for word in vector.label)
+    foreign = sum(not (_is_number(word) or identifies_sensor(word)) for word in vector.label)
     is_symbol = vector.name.casefold() in ("b", "h")
-    return vector.rank, manner(vector.whole), is_symbol, foreign, len(vector.label), min(vector.cells)
+    return vector.rank, source_rank(vector.whole), is_symbol, foreign, len(vector.label), min(vector.cells)

@@ -5,7 +5,7 @@ first row are preamble; one of them is the header if it has as many cells as the
 contain a magnetometer.
 
 >>> lines = ["first flight", "t_s;mag_x_uT;mag_y_uT;mag_z_uT", "0,0;20,1;-3,0;41,2", "0,1;20,2;-3,1;41,3"]
->>> layout = sniff("log.csv", lines)
+>>> layout = recognise_table("log.csv", lines)
 >>> str(layout), layout.start, layout.columns.field.names
 ('semicolon-separated, decimal comma', 3, ('mag_x_uT', 'mag_y_uT', 'mag_z_uT'))
 """
@@ -22,28 +22,28 @@ from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 import numpy as np
 
 from flinders.errors import NoMagnetometer, UnreadableInput
-from flinders.readers._cells import COMMENTS, SPACES, fits, number, quoted, split
-from flinders.readers._choice import FIRST, Choice
+from flinders.readers._cells import COMMENTS, SPACES, has_width, parse_number, quote_cell, split
+from flinders.readers._choice import FIRST_SENSOR, Choice
 from flinders.readers._clock import Clock, Midnights, clocks_of
 from flinders.readers._column_choice import choose, rising_in
-from flinders.readers._delimiters import Cut, cut_at, first_row, is_comment, signs_of
+from flinders.readers._delimiters import Cut, first_row, is_comment, signs_of, split_lines
 from flinders.readers._devices import are_ids, devices_in, names_device, sensor_column
 from flinders.readers._grid import Grid
 from flinders.readers._header import find_header, find_misfit, lines_above, stated_unit, units_below
 from flinders.readers._likeness import has_clock
 from flinders.readers._names import is_unit, meaning
 from flinders.readers._refusals import (
-    NAMELESS,
+    MAX_NAMELESS_COLUMNS,
     extremes_alone,
     no_magnetometer,
-    nothing_read,
+    no_readings_found,
     refuse_coded,
     refuse_matrices,
     refuse_nameless,
     refuse_unsafe,
 )
 from flinders.readers._times import seconds_and_nanoseconds
-from flinders.readers._tokenizer import shown
+from flinders.readers._tokenizer import shorten
 from flinders.readers.dialects import Dialect
 
 if TYPE_CHECKING:
@@ -58,12 +58,12 @@ if TYPE_CHECKING:
 
 ON_BOARD: Final = "magADC is after the board's own mag_zero and alignment, on INAV after its gain too"
 """Note on readings in a blackbox; see `compassUpdate` in `sensors/compass.c` of Betaflight and INAV."""
-SPOKEN: Final = {",": "comma", ";": "semicolon", "\t": "tab", SPACES: "space"}
-TRIED: Final = 400  # lines that are tried first
-SAMPLED: Final = 200  # rows that are examined to distinguish numbers from text, and to find ascending times
-SAME_WIDTH: Final = 0.6
+DELIMITER_WORDS: Final = {",": "comma", ";": "semicolon", "\t": "tab", SPACES: "space"}
+TRIED_LINES: Final = 400  # lines that are tried first
+SAMPLED_ROWS: Final = 200  # rows that are examined to distinguish numbers from text, and to find ascending times
+MIN_SAME_WIDTH_SHARE: Final = 0.6
 """Share of rows of one width above which other rows count as broken; under a header they always do."""
-MOST_COLUMNS: Final = 4096  # largest number of columns in a table
+MAX_COLUMNS: Final = 4096  # largest number of columns in a table
 _END_OF_HEADER: Final = re.compile(r"\W*end[ _]of[ _]header\W*", re.IGNORECASE)  # lines above it are no readings
 
 
@@ -99,7 +99,7 @@ class TextLayout:
         device = self.columns.device
         return device is not None and self._is_row(text) and device.is_of_other(split(text, self.grid.delimiter))
 
-    def is_of_others(self, text: str) -> bool:
+    def is_spare(self, text: str) -> bool:
         """Tell whether a row has values only in columns that rows with a reading leave empty, such as another topic."""
         if not self.spare:
             return False
@@ -115,7 +115,7 @@ class TextLayout:
         if self.words:
             return self.words
         heading = self.heading or "no header" * (not self.header)
-        parts = [heading] * bool(heading) + [f"{SPOKEN[self.grid.delimiter]}-separated"]
+        parts = [heading] * bool(heading) + [f"{DELIMITER_WORDS[self.grid.delimiter]}-separated"]
         written = ", ".join(parts + ["decimal comma"] * (self.grid.decimal == ","))
         written += f"; {ON_BOARD}" * self.is_blackbox
         return written + f"; recorded with {self.in_force} in force" * bool(self.in_force)
@@ -145,20 +145,20 @@ class Cells(Dialect):
         if is_comment(line) or self.grid.row(line) is None:
             return None
         cells = split(line, self.grid.delimiter)[: self.grid.width or None]
-        return [quoted(cell.strip().replace(self.grid.decimal, ".")) for cell in cells]
+        return [quote_cell(cell.strip().replace(self.grid.decimal, ".")) for cell in cells]
 
 
-def sniff(
+def recognise_table(
     name: str,
     texts: list[str],
     columns: AnyColumns | None = None,
     header: Sequence[str] = (),
     flat: str | None = None,
-    choice: Choice = FIRST,
+    choice: Choice = FIRST_SENSOR,
     every: EveryLine | None = None,
 ) -> TextLayout:
     """Recognise the layout of a table from its first lines; `header` are names known from elsewhere."""
-    end = max((place for place, text in enumerate(texts[:TRIED]) if _END_OF_HEADER.fullmatch(text)), default=-1)
+    end = max((place for place, text in enumerate(texts[:TRIED_LINES]) if _END_OF_HEADER.fullmatch(text)), default=-1)
     texts = [""] * (end + 1) + texts[end + 1 :]
     lines = [(place, text) for place, text in enumerate(texts) if text.strip() and not is_comment(text)]
     if not lines:
@@ -169,12 +169,12 @@ def sniff(
             f"{name} holds only {content}: need lines of numbers, one reading each{marked}",
             hint={} if blank else {"pattern": None},
         )
-    for some, least in ((lines[:TRIED], 3), (lines, 3), *([(lines, 2)] if flat else [])):
-        best = max((cut_at(some, signs, least) for signs in signs_of(some)), key=Cut.score, default=None)
+    for some, least in ((lines[:TRIED_LINES], 3), (lines, 3), *([(lines, 2)] if flat else [])):
+        best = max((split_lines(some, signs, least) for signs in signs_of(some)), key=Cut.score, default=None)
         if best is not None and best.rows:
             choosing = partial(choose, flat=flat, choice=choice, source=name)
             return _table(name, texts, best, header, choosing, columns, choice, every or (lambda: texts))
-    raise extremes_alone(name, [text for _, text in lines]) or nothing_read(name, lines)
+    raise extremes_alone(name, [text for _, text in lines]) or no_readings_found(name, lines)
 
 
 class Body(NamedTuple):
@@ -192,7 +192,7 @@ class Body(NamedTuple):
         sensors = sensor_column(list(best.rows.values()), words)
         rows = {place: cells for place, cells in best.rows.items() if not sensors or sensors.is_of_first(cells)}
         ((width, _),) = Counter(map(len, rows.values())).most_common(1)
-        if width > MOST_COLUMNS:
+        if width > MAX_COLUMNS:
             raise NoMagnetometer(f"{name} has {width:,} columns: cut the magnetometer's out, with its time")
         return cls(rows, [place for place, cells in rows.items() if len(cells) == width], width, sensors)
 
@@ -202,19 +202,19 @@ class Body(NamedTuple):
         return min(self.places)
 
     @property
-    def alike(self) -> list[list[str]]:
+    def rows_of_one_width(self) -> list[list[str]]:
         """Cells of the rows with the most common width."""
         return [self.rows[place] for place in self.places]
 
     @property
-    def filled(self) -> int:
+    def filled_width(self) -> int:
         """Width without columns at the end that are empty in all rows."""
-        alike = self.alike
+        alike = self.rows_of_one_width
         return self.width - next((at for at in range(self.width) if any(cells[-1 - at].strip() for cells in alike)), 0)
 
     def is_even(self, has_header: bool) -> bool:
         """Whether rows of another width count as broken: under a header, or if they are few."""
-        return has_header or len(self.places) >= SAME_WIDTH * len(self.rows)
+        return has_header or len(self.places) >= MIN_SAME_WIDTH_SHARE * len(self.rows)
 
 
 class Head(NamedTuple):
@@ -232,7 +232,7 @@ class Head(NamedTuple):
         cls, name: str, texts: list[str], best: Cut, body: Body, known: Sequence[str], asked: AnyColumns | None
     ) -> Head:
         """Find the header above the rows; `known` are names from elsewhere, `asked` the requested columns."""
-        sign, start, filled = best.signs[0], body.start, body.filled
+        sign, start, filled = best.signs[0], body.start, body.filled_width
         above = lines_above(texts[:start], sign, body.sensors)
         place, names = (-1, list(known)) if known else find_header(above, sign, filled, body.width)
         width = len(names) if filled <= len(names) <= body.width else filled
@@ -259,7 +259,7 @@ def _table(
     if devices and (own := [place for place in body.places if not devices[0].is_of_other(body.rows[place])]):
         values, clocks = _first_numbers(best, own, head.width, texts[start:])
         head = head._replace(values=values, clocks=clocks)
-    asked = asked or choice.remembered(head.names, head.width, rising_in(head.values) if choice.forms else ())
+    asked = asked or choice.remembered_columns(head.names, head.width, rising_in(head.values) if choice.forms else ())
     if not head.names:
         refuse_matrices(name, texts)
         if asked is None and not body.sensors:
@@ -269,27 +269,27 @@ def _table(
     choosing = partial(choosing, asked=asked, units=units, devices=devices)
     chosen = _choose_columns(name, texts, head, body, choosing)
     if asked is None:
-        refuse_unsafe(name, head.names, body.alike, chosen, signs[1])
+        refuse_unsafe(name, head.names, body.rows_of_one_width, chosen, signs[1])
     width = head.width if body.is_even(bool(head.names)) else 0
     numbers = ", ".join(str(cell + 1) for cell in chosen.field.cells)
     named = f" ({', '.join(chosen.field.names)} of columns {numbers})" if head.words and head.names else ""
     return TextLayout(
-        grid=Grid(*signs, width, chosen.cells, chosen.needed, chosen.clock),
+        grid=Grid(*signs, width, chosen.cells, chosen.needed_cells, chosen.clock),
         columns=chosen,
         start=first_row(texts, head.place + 1, start) + 1,
         header=tuple(head.names),
         units=tuple(units),
         header_line=head.place + 1,
         header_text=texts[head.place] if head.place >= 0 else "",
-        spare=_spare_columns(body.alike, chosen.field.cells),
+        spare=_spare_columns(body.rows_of_one_width, chosen.field.cells),
         heading=head.words + named,
     )
 
 
 def _choose_columns(name: str, texts: list[str], head: Head, body: Body, choosing: partial[Columns | None]) -> Columns:
     """Choose the columns, in the unit that is stated above them; NoMagnetometer if the choice is not clear."""
-    start, header, values, alike = body.start, head.names, head.values, body.alike
-    line = f" (line {start + 1}: {shown(texts[start])!r})"
+    start, header, values, alike = body.start, head.names, head.values, body.rows_of_one_width
+    line = f" (line {start + 1}: {shorten(texts[start])!r})"
     chosen = choosing(
         header,
         values,
@@ -304,7 +304,7 @@ def _choose_columns(name: str, texts: list[str], head: Head, body: Body, choosin
     if chosen.device is None:
         refuse_coded(name, header, values, chosen.field.cells)
     unit = stated_unit(header, alike, texts[:start])
-    return chosen.in_told(unit) if unit else chosen
+    return chosen.in_stated_unit(unit) if unit else chosen
 
 
 def _spare_columns(rows: Sequence[Sequence[str]], field: Sequence[int]) -> frozenset[int]:
@@ -315,7 +315,7 @@ def _spare_columns(rows: Sequence[Sequence[str]], field: Sequence[int]) -> froze
 
 def _first_numbers(best: Cut, places: Sequence[int], width: int, texts: Sequence[str]) -> tuple[Floats, list[Clock]]:
     """Numbers of the first rows, with seconds in place of non-numeric times, and the clocks of these times."""
-    some = places[:SAMPLED]
+    some = places[:SAMPLED_ROWS]
     values = np.array([best.values[place][:width] for place in some], dtype=float)
     return values, _clocks(texts, [best.rows[place] for place in some], values, best.signs[0])
 
@@ -326,7 +326,7 @@ def _numbers_of_all(texts: Sequence[str], values: Floats, signs: tuple[str, str]
     if width not in (3, 4) or not has_clock(values[:, width - 3 :]):
         return values
     cut = (split(text, signs[0]) for text in texts)
-    rows = [[number(cell, signs[1]) for cell in cells] for cells in cut if len(cells) == width]
+    rows = [[parse_number(cell, signs[1]) for cell in cells] for cells in cut if len(cells) == width]
     return np.array(rows, dtype=float)
 
 
@@ -340,7 +340,7 @@ def _clocks(texts: Sequence[str], rows: Sequence[Sequence[str]], values: Floats,
     for clock in clocks_of(rows, words):
         known = clock if clock.is_settled else Clock.of((split(text, delimiter) for text in texts), clock.cells)
         seconds = np.array([known.seconds(row) for row in rows[: len(values)]])
-        values[:, known.cell] = Midnights(known).past(seconds)
+        values[:, known.cell] = Midnights(known).unwrap(seconds)
         clocks.append(known)
     return clocks
 
@@ -353,19 +353,19 @@ def _devices(head: Head, body: Body, delimiter: str, every: EveryLine) -> tuple[
     header, width, sensors = head.names, head.width, body.sensors
     times = {cell for clock in head.clocks for cell in clock.cells}
     times = times.union(() if header else seconds_and_nanoseconds(head.values))
-    alike = [cells[:width] for cells in body.alike]
+    alike = [cells[:width] for cells in body.rows_of_one_width]
     free = [place for place in range(width) if place not in times and not (sensors and place == sensors.place)]
     if header:
         places = [at for at in free if at < len(header) and names_device(header[at], header)]
         places = [at for at in places if not all(is_unit(row[at].strip()) for row in alike)]
     else:
-        ahead = width - len("xyz") if width <= NAMELESS else 0
+        ahead = width - len("xyz") if width <= MAX_NAMELESS_COLUMNS else 0
         places = [at for at in free if are_ids((row[at] for row in alike), is_ahead=at < ahead)]
 
     def rows() -> Iterator[tuple[str, ...]]:
         for text in every():
             cells = split(text, delimiter)
-            if fits(cells, width):
+            if has_width(cells, width):
                 yield tuple(cells[place] for place in places)
 
     found = devices_in(header, places, rows) if places else ()

@@ -24,8 +24,8 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from flinders.core.samples import Samples
-from flinders.core.units import unit_of_the_earth
-from flinders.errors import figures, with_hint
+from flinders.core.units import earth_field_unit
+from flinders.errors import append_hint, figures
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -46,8 +46,10 @@ GRAVITY: Final = {  # length of gravity in units of accelerometers; smaller coun
 MAX_GAUSS_LENGTH: Final = 20.0
 UNIT_LENGTH_TOLERANCE: Final = 0.02  # largest deviation of a unit vector's length from 1
 # largest relative deviation of the median length of gravity, for an accelerometer without calibration
-NEARLY: Final = 0.06
-STEADY: Final = 0.3  # largest spread of gravity's lengths while a hand turns the sensor, relative to their median
+GRAVITY_TOLERANCE: Final = 0.06
+MAX_GRAVITY_SPREAD: Final = (
+    0.3  # largest spread of gravity's lengths while a hand turns the sensor, relative to their median
+)
 # scatter of readings without rotation, relative to their length; a sphere through them has no meaning
 MAX_SCATTER_AT_REST: Final = 0.1
 # largest scatter of a magnetometer around the best sphere, relative to its radius, with soft iron
@@ -142,7 +144,7 @@ def _judge_together(values: Floats, threes: Sequence[tuple[int, ...]]) -> list[t
 
 
 def _is_near_gravity(radius: float) -> bool:
-    return any(abs(radius / length - 1) < NEARLY for length in GRAVITY.values())
+    return any(abs(radius / length - 1) < GRAVITY_TOLERANCE for length in GRAVITY.values())
 
 
 class _Fit(NamedTuple):
@@ -182,7 +184,7 @@ def _describe_column(column: Floats, *, is_three: bool) -> str:
     steps = np.diff(values)
     if values.min() == values.max():
         return "constant"
-    if ascends(values) or (not is_three and (not (steps < 0).any() or _restarts(steps))):
+    if is_ascending(values) or (not is_three and (not (steps < 0).any() or _restarts(steps))):
         return "a clock or a counter"
     is_state = np.count_nonzero(steps) <= MAX_CHANGE_SHARE * len(steps) or not (steps > 0).any()
     return "seldom changing" if is_state and not is_three else ""
@@ -194,7 +196,7 @@ def is_no_axis(column: Floats) -> bool:
     return bool(np.isfinite(column).mean() < 0.5 or len(column) < MIN_ROWS or _describe_column(column, is_three=False))
 
 
-def fits_beside(values: Floats, places: Sequence[tuple[int, ...]]) -> tuple[int, ...] | None:
+def choose_magnetometer(values: Floats, places: Sequence[tuple[int, ...]]) -> tuple[int, ...] | None:
     """The candidate group that is a magnetometer, if exactly one is; None if that is not clear."""
     judged = {cells: _roundness(values[:, cells]) for cells in places if len(cells) == 3}
     turned = {cells: fit for cells, fit in judged.items() if fit and _judge(values[:, cells]).is_candidate}
@@ -228,7 +230,7 @@ def likeness(vectors: Floats) -> str:
     return group.what if group.is_known else ""
 
 
-def doubt(samples: Samples) -> str:
+def describe_doubt(samples: Samples) -> str:
     """Description of unnamed samples that are clearly no magnetometer's; else empty."""
     if not samples.nameless or not len(samples):
         return ""
@@ -237,7 +239,7 @@ def doubt(samples: Samples) -> str:
 
 def looks_like(what: str, spelled: str) -> str:
     """Message with the likely kind of columns, and the argument that declares them a magnetometer."""
-    return with_hint(f"these columns look like {what}: if they are a magnetometer's, name them", spelled)
+    return append_hint(f"these columns look like {what}: if they are a magnetometer's, name them", spelled)
 
 
 XYZ: Final = {"columns": "X,Y,Z"}
@@ -258,7 +260,7 @@ def advice(judged: Sequence[ColumnGroup]) -> tuple[str, Hint]:
     }
 
 
-def ascends(values: Floats) -> bool:
+def is_ascending(values: Floats) -> bool:
     """Tell whether a column strictly increases, as a clock or a counter does."""
     values = values[np.isfinite(values)]
     return len(values) > 1 and bool((np.diff(values) > 0).all())
@@ -267,7 +269,7 @@ def ascends(values: Floats) -> bool:
 def only_rises(values: Floats) -> bool:
     """Tell whether a column strictly increases over so many rows that it is a clock or a counter."""
     values = values[np.abs(values) < MAX_READING]
-    return len(values) >= MIN_RISING_ROWS and ascends(values)
+    return len(values) >= MIN_RISING_ROWS and is_ascending(values)
 
 
 def has_clock(vectors: Floats) -> bool:
@@ -391,8 +393,8 @@ def _judge(vectors: Floats) -> ColumnGroup:
     if low > 1 - UNIT_LENGTH_TOLERANCE and high < 1 + UNIT_LENGTH_TOLERANCE:
         return ColumnGroup((), "a direction, or gravity in g", is_known=True)
     for name, length in GRAVITY.items():
-        is_near = abs(middle / length - 1) < NEARLY and high - low < STEADY * middle
-        if is_near and (length < MAX_GAUSS_LENGTH or abs(radius / length - 1) < NEARLY):
+        is_near = abs(middle / length - 1) < GRAVITY_TOLERANCE and high - low < MAX_GRAVITY_SPREAD * middle
+        if is_near and (length < MAX_GAUSS_LENGTH or abs(radius / length - 1) < GRAVITY_TOLERANCE):
             return ColumnGroup((), f"gravity in {name}", is_known=True)
     is_often_short = low < MAX_SHARE_NEAR_ZERO * high and scatter > MAX_ROUND_SCATTER * size
     if scatter > MAX_SCATTER * size or is_often_short:
@@ -400,7 +402,7 @@ def _judge(vectors: Floats) -> ColumnGroup:
     strength = radius if is_turned else middle
     if min(strength, middle) > LENGTHS_OF_NO_UNIT[0] and max(strength, middle) < LENGTHS_OF_NO_UNIT[1]:
         return ColumnGroup((), f"lengths of {figures(middle, 3)}, not the earth's field in any unit")
-    unit = unit_of_the_earth(strength)
+    unit = earth_field_unit(strength)
     parts = [f"lengths {figures(low, 3)} to {figures(high, 3)}"]
     parts += [f"strength {figures(strength, 3)}"] * is_turned + [f"as {unit} the earth's"] * bool(unit)
     return ColumnGroup((), ", ".join(parts), is_candidate=True)

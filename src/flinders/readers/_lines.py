@@ -1,6 +1,6 @@
 r"""Decoding of bytes into blocks of text lines, with any line end and any line length.
 
-Lines end with LF, CR LF or CR. A line longer than `LONGEST` is cut, so that a file without line ends needs no more
+Lines end with LF, CR LF or CR. A line longer than `MAX_LINE_LETTERS` is cut, so that a file without line ends needs no more
 memory than another.
 
 >>> [lines.texts for lines in lines_of([b"1,2\r\n3,", b"4\r"], "utf-8", done=lambda: 0)]
@@ -16,17 +16,17 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.core.samples import BLOCK
+from flinders.core.samples import BLOCK_ROWS
 from flinders.errors import UnreadableInput
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
-LONGEST: Final = 1 << 20  # longest line in characters that is kept whole
+MAX_LINE_LETTERS: Final = 1 << 20  # longest line in characters that is kept whole
 MAX_BLOCK_LETTERS: Final = 1 << 23  # characters after which a block of lines ends early
-CUT: Final = 60  # characters of a line that a message shows
-CUT_OFF: Final = "…"  # mark at the end of a line that was longer than `LONGEST`
-ENDS_EARLY: Final = "gzip ends early"  # text in place of the line in which a gzip file was cut short
+SHOWN_LETTERS: Final = 60  # characters of a line that a message shows
+CUT_MARK: Final = "…"  # mark at the end of a line that was longer than `MAX_LINE_LETTERS`
+GZIP_CUT_MARK: Final = "gzip ends early"  # text in place of the line in which a gzip file was cut short
 LINE_FEED: Final = np.uint8(10)
 BYTE_ORDER_MARKS: Final = {  # byte order marks
     codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF32_LE: "utf-32", codecs.BOM_UTF32_BE: "utf-32",
@@ -57,13 +57,13 @@ class Lines:
         return range(self.first, self.first + self.count)
 
     def blocks(self) -> Iterator[Lines]:
-        """Yield these lines in blocks of `BLOCK` lines."""
-        if self.count <= BLOCK:
+        """Yield these lines in blocks of `BLOCK_ROWS` lines."""
+        if self.count <= BLOCK_ROWS:
             yield self
             return
         texts = self.texts
-        for start in range(0, self.count, BLOCK):
-            some = texts[start : start + BLOCK]
+        for start in range(0, self.count, BLOCK_ROWS):
+            some = texts[start : start + BLOCK_ROWS]
             yield Lines(self.first + start, "\n".join(some), len(some), self.done)
 
     @property
@@ -73,16 +73,16 @@ class Lines:
 
 
 def lines_of(
-    chunks: Iterable[bytes], encoding: str, done: Callable[[], int], least: int = BLOCK, blocks: int = 1
+    chunks: Iterable[bytes], encoding: str, done: Callable[[], int], least: int = BLOCK_ROWS, blocks: int = 1
 ) -> Iterator[Lines]:
-    """Yield all lines: first one block of `BLOCK` lines, then `blocks` at a time; wait for at least `least` lines."""
+    """Yield all lines: first one block of `BLOCK_ROWS` lines, then `blocks` at a time; wait for at least `least` lines."""
     first, together = 1, 1
     pending, count = "", 0
     for text in _whole_lines(_decode(chunks, encoding)):
         pending += text
         count += _count_line_ends(text)
         while count >= least * together or len(pending) - count > MAX_BLOCK_LETTERS:
-            taken = min(count, BLOCK * max(min(count // BLOCK, together), 1))
+            taken = min(count, BLOCK_ROWS * max(min(count // BLOCK_ROWS, together), 1))
             end = _end_position(pending, taken, count - taken)
             yield Lines(first, pending[: end - 1], taken, done())
             first, pending, count, together = first + taken, pending[end:], count - taken, blocks
@@ -110,18 +110,18 @@ def _decode(chunks: Iterable[bytes], encoding: str) -> Iterator[str]:
 
 
 def _whole_lines(texts: Iterator[str]) -> Iterator[str]:
-    """Split text after line ends; a line beyond `LONGEST` is cut and gets a mark that no number contains."""
+    """Split text after line ends; a line beyond `MAX_LINE_LETTERS` is cut and gets a mark that no number contains."""
     rest = ""
     try:
         for text in texts:
             rest += text
             end = rest.rfind("\n") + 1
-            whole, rest = rest[:end], rest[end : end + LONGEST + 1]
+            whole, rest = rest[:end], rest[end : end + MAX_LINE_LETTERS + 1]
             if whole:
                 end = whole.index("\n")
-                yield whole if end <= LONGEST else _shorten(whole[:end]) + whole[end:]
+                yield whole if end <= MAX_LINE_LETTERS else _shorten(whole[:end]) + whole[end:]
     except EndsEarly:
-        rest = ENDS_EARLY  # the line before the cut may lack digits
+        rest = GZIP_CUT_MARK  # the line before the cut may lack digits
     if rest:
         yield _shorten(rest) + "\n"
 
@@ -139,4 +139,4 @@ def _end_position(text: str, before: int, after: int) -> int:
 
 
 def _shorten(line: str) -> str:
-    return line if len(line) <= LONGEST else line[:CUT] + CUT_OFF
+    return line if len(line) <= MAX_LINE_LETTERS else line[:SHOWN_LETTERS] + CUT_MARK

@@ -26,9 +26,9 @@ from flinders.core.geomag import recorded_field
 from flinders.core.time_span import TimeSpan
 from flinders.core.units import MICROTESLA
 from flinders.errors import UnreadableInput
-from flinders.readers._auxiliary import lacks
-from flinders.readers._choice import Choice, numbered
-from flinders.readers._source import sound
+from flinders.readers._auxiliary import missing_column
+from flinders.readers._choice import Choice, list_names
+from flinders.readers._source import raise_own_errors
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -136,7 +136,7 @@ class Instrument:
         found, there = ({}, ()) if self.look_up is None else self.look_up(names)
         for name in names:
             if are_needed and name not in found:
-                raise lacks(self.source, name, there)
+                raise missing_column(self.source, name, there)
         return replace(self, auxiliary={**self.auxiliary, **found})
 
     @property
@@ -155,9 +155,9 @@ class Instrument:
         known = replace(self.stored.calibration, raw=self.unit, sensor=self.name)
         site = recorded_field(self) if self.unit.inside == MICROTESLA else None
         strength = known.field_strength if site is None else site.strength
-        return None if known.is_identity else replace(known, field_strength=strength).turned(self.axes)
+        return None if known.is_identity else replace(known, field_strength=strength).map_axes(self.axes)
 
-    @sound
+    @raise_own_errors
     def blocks(self) -> Iterator[Samples]:
         """Yield the readings, in `axes` and within `span`.
 
@@ -170,12 +170,12 @@ class Instrument:
             gone += len(block)
             if self.progress and self.file and self.file.size and self.readings:
                 self.progress(int(self.file.size * min(gone / self.readings, 1.0)), self.file.size)
-            within = clock.within(block)
+            within = clock.is_within(block)
             if within.any():
                 given += 1
-                turned = replace(clock.selected(block, within), source=self.source, frame=self.frame).turned(self.axes)
+                turned = replace(clock.select(block, within), source=self.source, frame=self.frame).map_axes(self.axes)
                 yield replace(turned, onboard=onboard, auxiliary=self._auxiliary_at(turned.time))
-        clock.judge()
+        clock.refuse_empty()
         if not given:
             raise UnreadableInput(
                 f"no usable reading of {self.name} in {self.source}: need finite x, y and z; check the sensor, and "
@@ -195,7 +195,7 @@ class Instrument:
             parts.append(self.stored.sentence(as_logged=self.as_logged))
         parts += [f"axes {self.axes}"] * (self.axes != Axes()) + [str(self.span)] * (not self.span.is_all)
         if self.others:
-            parts.append(f"also there: {numbered(self.others)} (choose with --sensor)")
+            parts.append(f"also there: {list_names(self.others)} (choose with --sensor)")
         parts += self.damage
         return "; ".join(parts)
 
@@ -223,10 +223,10 @@ class Log:
 
         Raises `UsageError` with the existing names if there is none.
         """
-        return self.instruments[Choice(wanted).among([one.name for one in self.instruments], self.source)]
+        return self.instruments[Choice(wanted).index_in([one.name for one in self.instruments], self.source)]
 
 
-def beginning_of(log: Log) -> float:
+def start_time_of(log: Log) -> float:
     """Time of the first reading of any magnetometer, in s; NaN without times."""
     times = []
     for instrument in log.instruments:

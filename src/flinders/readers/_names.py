@@ -18,7 +18,7 @@ import re
 from functools import lru_cache
 from typing import Final, NamedTuple
 
-from flinders.core.units import PARTED, SPELLINGS
+from flinders.core.units import SEPARATE_PREFIX, SPELLINGS
 
 FIELD: Final = "field"
 ACCELERATION: Final = "acceleration"
@@ -107,18 +107,18 @@ _CORRECTION_WORDS: Final = "cal|calib|calibrated|cald|corr|corrected|comp|compen
 _FILTER_WORDS: Final = (  # a number after one belongs to it, as in ``avg10``, and is no sensor's
     "lp|lpf|hp|hpf|bp|bpf|ema|sma|avg|average|averaged|mean|median|smooth|smoothed|prev|previous|kalman|decimated"
 )
-_CALIBRATED: Final = re.compile(rf"({_CORRECTION_WORDS})$")
-_DERIVED: Final = re.compile(rf"({_CORRECTION_WORDS}|({_FILTER_WORDS})\d*)$")
+_CALIBRATION_WORD: Final = re.compile(rf"({_CORRECTION_WORDS})$")
+_DERIVED_WORD: Final = re.compile(rf"({_CORRECTION_WORDS}|({_FILTER_WORDS})\d*)$")
 # Words of three columns that are no readings of a sensor, and their kind.
-_NO_READINGS: Final = {
+_DERIVED_KINDS: Final = {
     **dict.fromkeys((*sorted(_REFERENCES), "model", "true", "truth", "expected", "predicted"), "a reference"),
     **dict.fromkeys(("ned", "enu", "nwu", "ecef", "earth", "world"), "in axes of the earth"),
     **dict.fromkeys(("dir", "direction"), "a direction"),
     **dict.fromkeys(("min", "max", "diff", "delta", "status", "innov", "innovation", "residual"), "no readings"),
 }
 # Such a word directly after the sensor's: ``magref``.
-_GLUED: Final = re.compile(
-    rf"(mag|acc|gyro)(raw|{_CORRECTION_WORDS}|{_FILTER_WORDS}|unit|{'|'.join(_NO_READINGS)})([xyz]?)"
+_JOINED_WORDS: Final = re.compile(
+    rf"(mag|acc|gyro)(raw|{_CORRECTION_WORDS}|{_FILTER_WORDS}|unit|{'|'.join(_DERIVED_KINDS)})([xyz]?)"
 )
 # Numbers that do not identify a sensor: of bits, time steps, a filter, a version.
 _MEASURES: Final = re.compile(
@@ -126,22 +126,22 @@ _MEASURES: Final = re.compile(
 )
 _RAW: Final = re.compile(r"(raw|adc|.*uncal(ib|ibrated)?)$")
 # Words for readings of a sensor, as opposed to the field of a model.
-_MEASURED: Final = "meas|measured|observed|obs"
-_SENSED: Final = re.compile(rf"(sensors?|magnetometers?|compass|measurement|{_MEASURED})$")
+_MEASUREMENT_WORDS: Final = "meas|measured|observed|obs"
+_SENSOR_WORD: Final = re.compile(rf"(sensors?|magnetometers?|compass|measurement|{_MEASUREMENT_WORDS})$")
 _TIMES: Final = re.compile(
     r"(t[st]?|time.*|.*time|stamp|seconds|millis|micros|epoch|elapsed|zeit|temps|tiempo|时间|時間)$"
 )
 _CLOCKS: Final = re.compile(r"(dates?|day|datum|clock|utc|gmt|uhr.*|heure|hora|fecha|when)$")  # times or dates
-_BEGUN: Final = re.compile(r"offset[\s_]?(?=time\b)", re.IGNORECASE)  # a time since the start: ``offsetTime``
+_ELAPSED: Final = re.compile(r"offset[\s_]?(?=time\b)", re.IGNORECASE)  # a time since the start: ``offsetTime``
 _NUMBERED: Final = re.compile(r"field[\s_]?\d+", re.IGNORECASE)  # any quantity, as in ThingSpeak
-_NO_TIMES: Final = re.compile(r"(day|date|zone|fix|offset|gps|time_of_day)$")
+_NON_TIME_WORD: Final = re.compile(r"(day|date|zone|fix|offset|gps|time_of_day)$")
 # Words that may occur in the name of any such sensor.
 _COMMON: Final = re.compile(
     r"(mag.*|flux.*|compass|acc.*|gyr.*|angular|velocity|linear|axis|field|strength|vector|imu|ahrs|ins|sensor|dev|device|unit|node"
     r"|board|module|no|nr|num|id|instance|ch|channel|data|value|reading|measurement)$"
 )
 _SEPARATOR_SIGNS: Final = r"\s_.,:;%#\-\[\](){}'\""  # characters between the words of a name
-_ATTACHED: Final = re.compile(
+_ATTACHED_AXIS: Final = re.compile(
     r"(mag(?:n|net|netic|netometer|netom|adc|raw|field)?|acc(?:el|l|elero|eleration|elerometer)?|gyro?(?:scope|adc)?"
     r"|compass|[mhbagw]|mf|geo)([xyz])"
 )
@@ -153,14 +153,14 @@ _PIECES: Final = re.compile(
 _IN: Final = re.compile(
     r"(?<![^\W_])in[\s_]+(?=[^\s_()\[\]]+\s*[)\]]?\s*$)", re.IGNORECASE
 )  # ``in`` before a unit at the end
-_IN_BRACKETS: Final = re.compile(r"[(\[]([^)\]]*)[)\]]?\s*$")  # a unit, or the number of an axis
+_BRACKETED_UNIT: Final = re.compile(r"[(\[]([^)\]]*)[)\]]?\s*$")  # a unit, or the number of an axis
 _BRACKET: Final = re.compile(r"\s*[(\[](?!\d+[)\]])[^)\]]*[)\]]?\s*$")
-_OF_A_DIRECTION: Final = re.compile("unit|vec|field|mag|acc")
+_DIRECTION_WORDS: Final = re.compile("unit|vec|field|mag|acc")
 # Words and numbers without separators: ``magX1`` has three.
 _PARTS: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[^\x00-\x7f]+")
 _BROKEN_MICRO: Final = re.compile(r"(?:[^\x00-\x7f]+|i|\?)t")  # µT with wrongly decoded bytes
-CALIBRATED: Final = 10  # smallest rank of corrected readings
-BARE: Final = 2  # clearness of ``x``, ``y``, ``z``, which may be a position next to a magnetometer
+CALIBRATED_RANK: Final = 10  # smallest rank of corrected readings
+BARE_CLEARNESS: Final = 2  # clearness of ``x``, ``y``, ``z``, which may be a position next to a magnetometer
 # Columns that are recognised by their whole name only, as written by `flinders.simulate.recording`: a ``throttle``
 # may be per cent or microseconds, and an attitude may refer to any axes.
 _WRITTEN_HERE: Final = {
@@ -173,7 +173,7 @@ FACTORS_OF_MOTORS: Final[dict[str, dict[str, float]]] = {
     THROTTLES: {"share": 1.0, "percent": 0.01, "pct": 0.01, "%": 0.01, "": 1e-3, "us": 1e-3, "µs": 1e-3},
 }
 # Columns of single motors, by their whole name: number of the motor, and unit.
-_OF_MOTOR: Final = {
+_MOTOR_COLUMNS: Final = {
     CURRENTS: re.compile(
         r"(?:(?:esc|motor|mot|m)[ _.]?\[?(\d{1,2})\]?[ _.](?:esc[ _])?(?:current|curr|amps?)"
         r"|(?:(?:esc|motor)[ _.])?(?:current|curr)[ _.]?\[?(\d{1,2})\]?)(?:[ _]?[(\[]?(a|ma)[)\]]?)?"
@@ -196,12 +196,12 @@ class Meaning(NamedTuple):
     @property
     def is_bare(self) -> bool:
         """Whether the name is only an axis, of a field or of another quantity."""
-        return self.kind == FIELD and not self.unit and clearness(self.rank) >= BARE
+        return self.kind == FIELD and not self.unit and clearness(self.rank) >= BARE_CLEARNESS
 
 
 def clearness(rank: int) -> int:
     """How clearly a name is a magnetometer's, best first: 0 ``mag_x``, 1 ``mx``, 2 ``x``."""
-    return rank % CALIBRATED // 2
+    return rank % CALIBRATED_RANK // 2
 
 
 @lru_cache(maxsize=1_024)
@@ -209,7 +209,7 @@ def meaning(name: str) -> Meaning:
     """Meaning of a column name; its kind is empty if it is not recognised."""
     if written := _WRITTEN_HERE.get(name.strip().casefold()):
         return Meaning(*written)
-    for kind, pattern in _OF_MOTOR.items():
+    for kind, pattern in _MOTOR_COLUMNS.items():
         if match := pattern.fullmatch(name.strip().casefold()):
             return Meaning(kind, match[1] or match[2], match[3] or "")
     words, units = _words(name)
@@ -223,12 +223,12 @@ def meaning(name: str) -> Meaning:
         return Meaning("")
     is_joined = len(sensor) == len(folded)  # the axis was not a separate word
     kind, rank = _vector(sensor, units, is_joined=is_joined) if axis else _scalar(sensor, units)
-    if kind == FIELD and axis and any(_DERIVED.match(word.casefold()) for word in (*sensor, *units)):
-        rank += CALIBRATED
+    if kind == FIELD and axis and any(_DERIVED_WORD.match(word.casefold()) for word in (*sensor, *units)):
+        rank += CALIBRATED_RANK
     return Meaning(kind, axis, _unit(kind, units), rank)
 
 
-def tells_nothing(name: str) -> bool:
+def is_inconclusive(name: str) -> bool:
     """Tell whether a name is inconclusive, so that the column may be an axis of a magnetometer."""
     known, words = meaning(name), [word.casefold() for word in _words(name)[0]]
     is_other = any(_UNRELATED_WORDS.match(word) or _OTHERS.match(word) for word in words)
@@ -265,7 +265,7 @@ def words_of(name: str) -> list[str]:
 
 def is_unit(text: str) -> bool:
     """Tell whether a text is just a unit, as in a row of units below a header."""
-    return _IN.sub("", PARTED.sub(r"\1", text)).casefold() in _UNITS
+    return _IN.sub("", SEPARATE_PREFIX.sub(r"\1", text)).casefold() in _UNITS
 
 
 @lru_cache(maxsize=1_024)
@@ -281,7 +281,7 @@ def label(name: str) -> tuple[str, ...]:
     """Words of a three-axis sensor's column that distinguish it from others of its kind."""
     words = words_of_sensor(name)
     has_kind = any(_kind_of_word(word) or kind_of_chip(word) for word in words)
-    plain = (_COMMON, _RAW, _DERIVED, _SENSED)
+    plain = (_COMMON, _RAW, _DERIVED_WORD, _SENSOR_WORD)
     measured = _MEASURES.sub(lambda match: match[0].replace(" ", ""), " ".join(words)).split()
     apart = [word for word in measured if is_chip(word) or not any(pattern.match(word) for pattern in plain)]
     own = tuple(word for word in apart if has_kind or word not in _LETTERS)
@@ -298,31 +298,31 @@ def kind_of_chip(word: str) -> str:
     return next((kind for kind, pattern in _CHIPS.items() if re.fullmatch(pattern, word)), "")
 
 
-def tells_apart(word: str) -> bool:
+def identifies_sensor(word: str) -> bool:
     """Tell whether a word other than a number identifies one of several sensors: a place, a chip, a device."""
     return word in PLACES or word in _DEVICES or is_chip(word)
 
 
-def tells_readings_apart(word: str) -> bool:
+def identifies_readings(word: str) -> bool:
     """Tell whether a lower-case word identifies one of several sets of readings, or their processing."""
-    return bool(tells_apart(word) or _RAW.match(word) or _DERIVED.match(word))
+    return bool(identifies_sensor(word) or _RAW.match(word) or _DERIVED_WORD.match(word))
 
 
 @lru_cache(maxsize=1_024)
-def no_readings(name: str) -> str:
+def kind_of_no_readings(name: str) -> str:
     """Kind of a three-axis column that is no readings of a sensor; empty if it may be."""
     words = words_of_sensor(name)
     if "main field" in " ".join(words):  # main field of the earth's core
         return "a reference"
-    if "unit" in words and all(map(_OF_A_DIRECTION.match, words)):  # but not the unit of a device
+    if "unit" in words and all(map(_DIRECTION_WORDS.match, words)):  # but not the unit of a device
         return "a direction"
-    return next((_NO_READINGS[word] for word in words if word in _NO_READINGS), "")
+    return next((_DERIVED_KINDS[word] for word in words if word in _DERIVED_KINDS), "")
 
 
-def manner(whole: str) -> int:
+def source_rank(whole: str) -> int:
     """0 if a name indicates a sensor, 2 for a field, which may be modelled, 1 for neither."""
     words = [word.casefold() for word in _words(whole)[0]]
-    if any(_SENSED.match(word) or _RAW.match(word) or is_chip(word) for word in words):
+    if any(_SENSOR_WORD.match(word) or _RAW.match(word) or is_chip(word) for word in words):
         return 0
     return 2 if "field" in words else 1
 
@@ -336,7 +336,7 @@ def sensor_name(name: str, axis: str, *, whole: bool = False) -> str:
     own = ""
     for number, (between, piece) in enumerate(pieces):
         folded = piece.casefold()
-        is_common = (number and folded in _UNITS_OF_AXES) or _RAW.match(folded) or _DERIVED.match(folded)
+        is_common = (number and folded in _UNITS_OF_AXES) or _RAW.match(folded) or _DERIVED_WORD.match(folded)
         if whole or not is_common:
             own += (between[-1:] if between[-1:] in " _.-" else "_") + piece
     bare_name = own.lstrip(" _.-")
@@ -361,8 +361,8 @@ def _place_of_axis(folded: str, axis: str) -> int:
 def _words(name: str) -> tuple[list[str], list[str]]:
     """Split a name into its words and the units it may state, the most reliable first."""
     units = []
-    name = _BEGUN.sub("", _IN.sub("", PARTED.sub(r"\1", name)))
-    inside = _IN_BRACKETS.search(name)
+    name = _ELAPSED.sub("", _IN.sub("", SEPARATE_PREFIX.sub(r"\1", name)))
+    inside = _BRACKETED_UNIT.search(name)
     if inside and not inside[1].strip().isdigit():
         units.append(inside[1].strip())
         name = name[: inside.start()]
@@ -379,7 +379,7 @@ def _words(name: str) -> tuple[list[str], list[str]]:
                 units.append(unit)
                 parts = parts[:-2]
             for part in parts:
-                glued = _GLUED.fullmatch(part.casefold())
+                glued = _JOINED_WORDS.fullmatch(part.casefold())
                 words += filter(None, glued.groups() if glued else [part])
     return words, units
 
@@ -390,7 +390,7 @@ def _split_axis(words: list[str]) -> tuple[list[str], str]:
     if len(letters) == 1:
         return [word for word in words if word != letters[0]], letters[0]
     for place, word in enumerate(words):
-        if attached := _ATTACHED.fullmatch(word):
+        if attached := _ATTACHED_AXIS.fullmatch(word):
             return [*words[:place], attached[1], *words[place + 1 :]], attached[2]
         if ahead := _AXIS_BEFORE.fullmatch(word):
             return [*words[:place], ahead[2], *words[place + 1 :]], ahead[1]
@@ -406,12 +406,12 @@ def _vector(words: list[str], units: list[str], *, is_joined: bool) -> tuple[str
     kinds = [kind for word in names if (kind := _kind_of_word(word))] or list(filter(None, map(kind_of_chip, names)))
     if kinds:
         return kinds[0], raw + 5 * (kinds[0] == ACCELERATION and "linear" in words)
-    aside = [word for word in names if _SENSED.match(word) or word in _NO_READINGS]
+    aside = [word for word in names if _SENSOR_WORD.match(word) or word in _DERIVED_KINDS]
     others = {"axis", *aside}
-    bare = [word for word in names if not (_RAW.match(word) or _CALIBRATED.match(word) or word in others)]
+    bare = [word for word in names if not (_RAW.match(word) or _CALIBRATION_WORD.match(word) or word in others)]
     if aside and not bare:
-        return (FIELD, raw + 2) if all(word in _MEASURED.split("|") for word in aside) else ("", 0)
-    own = [word for word in bare if not (tells_apart(word) or _COMMON.match(word))]
+        return (FIELD, raw + 2) if all(word in _MEASUREMENT_WORDS.split("|") for word in aside) else ("", 0)
+    own = [word for word in bare if not (identifies_sensor(word) or _COMMON.match(word))]
     is_of_device = len(own) == 1 and own[0] in _LETTERS_OF_A_DEVICE and (is_joined or any(map(is_chip, bare)))
     if is_of_device or (len(bare) == 1 and bare[0] in _LETTERS):
         return _LETTERS[own[0]], raw + 2
@@ -446,7 +446,7 @@ def _scalar(words: list[str], units: list[str]) -> tuple[str, int]:
     if any(word in {"curr", "current", "amps", "amp", "ampere"} for word in words):
         return CURRENT, 0
     is_of_week = "tow" in words or {"time", "week"} <= set(words)
-    if any(_NO_TIMES.match(word) for word in words) and not is_of_week:
+    if any(_NON_TIME_WORD.match(word) for word in words) and not is_of_week:
         return "", 0
     timed = is_of_week or any(_TIMES.match(word) for word in words)
     alone = not words and all(unit.casefold() in FACTORS[TIME] for unit in units)

@@ -20,13 +20,13 @@ from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 
 from flinders.errors import FlindersError, NoMagnetometer, UnreadableInput
 from flinders.readers._cells import SPACES
-from flinders.readers._delimiters import Cut, cut_at, is_comment, signs_of
+from flinders.readers._delimiters import Cut, is_comment, signs_of, split_lines
 from flinders.readers._header import find_header
 from flinders.readers._known_texts import refusal
-from flinders.readers._layout import SPOKEN, TRIED, Cells, TextLayout, sniff
+from flinders.readers._layout import DELIMITER_WORDS, TRIED_LINES, Cells, TextLayout, recognise_table
 from flinders.readers._names import FIELD, clearness, meaning
 from flinders.readers._refusals import refuse_one_value
-from flinders.readers._source import derived
+from flinders.readers._source import derive_source
 from flinders.readers.dialects import Dialect, boxed, influx, json_records, labelled, marked, pairs, wrapped
 from flinders.readers.dialects.pattern import Pattern
 
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
     EveryLine: TypeAlias = Callable[[], Iterable[str]]
 
-HEADING: Final = 2  # lines above a table of plain numbers that may hold any text
+MAX_HEADING_LINES: Final = 2  # lines above a table of plain numbers that may hold any text
 _PLAIN: Final = re.compile(r"[-+.,;\s\d]*(?:(?:[eE][-+]\d|nan)[-+.,;\s\d]*)*", re.ASCII)
 _OPENS_JSON: Final = re.compile(r"^\s*[\[{]")
 _CLOCK: Final = re.compile(r"\d:\d\d:\d\d")
@@ -90,7 +90,7 @@ def _lay_out(
     for line in lines:
         rows.append(",".join(trial.row(line) or ()))
         filled += bool(rows[-1])
-        if filled == TRIED:
+        if filled == TRIED_LINES:
             break
     if not filled:
         raise NoMagnetometer(f"{name} is {dialect.words} without a line of a magnetometer")
@@ -107,16 +107,16 @@ def _rows_of(dialect: Dialect, every: EveryLine) -> Iterator[str]:
 
 def split_records(source: Source, encoding: str, beginning: str) -> Source | None:
     """Put records of a JSON document, or datagrams without line ends, on separate lines; None for other text."""
-    if json_records.is_document(beginning) or json_records.has_several_to_a_record(beginning):
-        return derived(source, json_records.records_as_lines(source, encoding))
-    return derived(source, marked.datagrams_as_lines(source)) if marked.are_glued(beginning) else None
+    if json_records.is_document(beginning) or json_records.has_batches(beginning):
+        return derive_source(source, json_records.records_as_lines(source, encoding))
+    return derive_source(source, marked.datagrams_as_lines(source)) if marked.has_joined_datagrams(beginning) else None
 
 
 def recognise(lines: list[str], flat: str | None = None) -> Dialect | None:
     """Find the dialect whose sign the lines contain; None for a table. With `flat`, two axes after a time suffice."""
     if is_plain(lines):
         return None
-    if flat and (level := wrapped.stamped(lines[:TRIED], recognise, partial(rows_of_table, flat=flat))):
+    if flat and (level := wrapped.find_stamps(lines[:TRIED_LINES], recognise, partial(rows_of_table, flat=flat))):
         return level
     for sign, recogniser, most in DIALECTS:
         some = lines[:most]
@@ -128,8 +128,10 @@ def recognise(lines: list[str], flat: str | None = None) -> Dialect | None:
 def guess(lines: list[str]) -> Dialect | None:
     """Find a dialect for lines that are no table: tuples, words before numbers, time stamps before a table."""
     return (
-        wrapped.stamped(lines, recognise, rows_of_table, marked=False, share=wrapped.SOME)
-        or wrapped.stamped(lines, _recognise_labels, rows_of_table, marked=False, share=wrapped.SOME)
+        wrapped.find_stamps(lines, recognise, rows_of_table, marked=False, share=wrapped.MIN_STAMP_SHARE_OF_OTHERS)
+        or wrapped.find_stamps(
+            lines, _recognise_labels, rows_of_table, marked=False, share=wrapped.MIN_STAMP_SHARE_OF_OTHERS
+        )
         or labelled.recognise(lines, marked=False)
     )
 
@@ -153,14 +155,14 @@ def _names_magnetometer(dialect: Dialect) -> bool:
 
 def is_table(lines: list[str]) -> bool:
     """Tell whether lines with label-like cells are a table: below names, or with an address such as `b4:01`."""
-    addressed = sum(ADDRESS_CELL.search(line) is not None for line in lines[:TRIED])
-    return 2 * addressed > len(lines[:TRIED]) or names_columns(lines)
+    addressed = sum(ADDRESS_CELL.search(line) is not None for line in lines[:TRIED_LINES])
+    return 2 * addressed > len(lines[:TRIED_LINES]) or names_columns(lines)
 
 
 def names_columns(lines: list[str]) -> bool:
     """Tell whether lines are a table with names above its columns, and a delimiter other than spaces."""
-    some = [(place, text) for place, text in enumerate(lines[:TRIED]) if text.strip() and not is_comment(text)]
-    cuts = (cut_at(some, signs) for signs in signs_of(some) if signs[0] != SPACES)
+    some = [(place, text) for place, text in enumerate(lines[:TRIED_LINES]) if text.strip() and not is_comment(text)]
+    cuts = (split_lines(some, signs) for signs in signs_of(some) if signs[0] != SPACES)
     best = max(cuts, key=Cut.score, default=None)
     if best is None or not best.rows or 2 * len(best.rows) < len(some):
         return False
@@ -172,12 +174,12 @@ def names_columns(lines: list[str]) -> bool:
 def rows_of_table(lines: list[str], flat: str | None = None) -> Cells | None:
     """Find the rows of a table after time stamps; three unnamed columns are x, y, z, two are those of `flat`."""
     try:
-        layout = sniff("", lines, flat=flat)
+        layout = recognise_table("", lines, flat=flat)
     except FlindersError:
         return None
     width, axes = layout.grid.width, flat or ""
     nameless = next((each for each in ("xyz", axes) if len(each) == width), [str(place + 1) for place in range(width)])
-    return Cells.of(layout, f"{SPOKEN[layout.grid.delimiter]}-separated numbers", nameless)
+    return Cells.of(layout, f"{DELIMITER_WORDS[layout.grid.delimiter]}-separated numbers", nameless)
 
 
 class _Row(NamedTuple):
@@ -185,7 +187,7 @@ class _Row(NamedTuple):
 
     sign: re.Pattern[str]
     recognise: Callable[[list[str]], Dialect | None]
-    most: int | None = TRIED  # number of lines that are examined
+    most: int | None = TRIED_LINES  # number of lines that are examined
 
 
 DIALECTS: Final = (
@@ -193,13 +195,13 @@ DIALECTS: Final = (
     _Row(_OPENS_JSON, json_records.recognise),
     _Row(boxed.RULER, boxed.recognise),
     _Row(influx.SIGN, influx.recognise),
-    _Row(_CLOCK, lambda lines: wrapped.stamped(lines, recognise, rows_of_table)),
+    _Row(_CLOCK, lambda lines: wrapped.find_stamps(lines, recognise, rows_of_table)),
     _Row(pairs.SIGN, pairs.recognise),
-    _Row(wrapped.LETTERED_WORD, lambda lines: wrapped.hexadecimal(lines, _recognise_labels, _named_table)),
+    _Row(wrapped.LETTERED_WORD, lambda lines: wrapped.find_hexadecimal(lines, _recognise_labels, _named_table)),
     _Row(_LETTER, labelled.recognise),
 )
 
 
 def is_plain(lines: list[str]) -> bool:
     """Tell whether lines after the first two contain only numbers and delimiters, as a table does."""
-    return len(lines) > HEADING and all(map(_PLAIN.fullmatch, lines[HEADING:TRIED]))
+    return len(lines) > MAX_HEADING_LINES and all(map(_PLAIN.fullmatch, lines[MAX_HEADING_LINES:TRIED_LINES]))

@@ -17,15 +17,24 @@ import numpy as np
 
 from flinders.core.plugins import remark
 from flinders.errors import NoMagnetometer, UnreadableInput, figures
-from flinders.readers._cells import number, split
-from flinders.readers._choice import MOST_NAMED
-from flinders.readers._delimiters import SIGNS, cut_at, is_comment
-from flinders.readers._devices import MAX_DEVICES, MIN_READINGS, bare, sensors_of_words
+from flinders.readers._cells import parse_number, split
+from flinders.readers._choice import MAX_NAMES
+from flinders.readers._delimiters import SIGNS, is_comment, split_lines
+from flinders.readers._devices import MAX_DEVICES, MIN_READINGS, normalise_word, sensors_of_words
 from flinders.readers._instruments import magnetometers, names_magnetometer
-from flinders.readers._likeness import GRAVITY, NEARLY, STEADY, XYZ
-from flinders.readers._lines import CUT_OFF, ENDS_EARLY
+from flinders.readers._likeness import GRAVITY, GRAVITY_TOLERANCE, MAX_GRAVITY_SPREAD, XYZ
+from flinders.readers._lines import CUT_MARK, GZIP_CUT_MARK
 from flinders.readers._names import ACCELERATION, FIELD, RATE, meaning
-from flinders.readers._tokenizer import MOMENT, QUANTITY, cut, is_labelled, listed, names_of, pattern_of, shown
+from flinders.readers._tokenizer import (
+    MOMENT,
+    QUANTITY,
+    is_labelled,
+    list_columns,
+    names_of,
+    pattern_of,
+    shorten,
+    split_line,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -39,8 +48,10 @@ if TYPE_CHECKING:
 ONE_VALUE_SIGNS: Final = (",", ";", "\t", "|")  # Delimiters of tables with one value a row
 SEARCHED_LETTERS: Final = 1024  # Characters of a line that are searched for labels
 MAX_EXAMPLE_LETTERS: Final = 160  # Longest line, in characters, that is shown as a pattern
-MOST_ABOVE: Final = 40  # First lines in which a header without readings is searched
-NAMELESS: Final = 5  # Largest number of columns of a table without header in which a leading number may name the sensor
+MAX_LINES_ABOVE: Final = 40  # First lines in which a header without readings is searched
+MAX_NAMELESS_COLUMNS: Final = (
+    5  # Largest number of columns of a table without header in which a leading number may name the sensor
+)
 MAX_CODES: Final = 16  # Largest number of different codes in a column that may name the sensor of each line
 MIN_CHANGE_SHARE: Final = 0.2  # Share of rows at which such a code changes
 MIN_LINES_OF_CODE: Final = 10  # Smallest number of lines with a code for its lengths to be compared
@@ -48,7 +59,7 @@ MIN_RATIO_TO_GRAVITY: Final = 2.0
 MIN_RATIO: Final = 5.0
 """Ratio of median vector lengths that separates two sensors: the first if one is gravity, else the second."""
 MAX_RANGES: Final = 16  # Columns whose ranges are listed
-_GROUPED: Final = re.compile(r"[-+\u2212]?[1-9]\d{0,2}[.,]\d{3}")  # thousands, or three decimals
+_GROUPED_NUMBER: Final = re.compile(r"[-+\u2212]?[1-9]\d{0,2}[.,]\d{3}")  # thousands, or three decimals
 MATRIX: Final = re.compile(r"# (?:name: (?P<name>.+)|columns: (?P<columns>\d+)\s*$)")  # in text of Octave
 
 
@@ -63,8 +74,8 @@ def refuse_unsafe(
 
 def refuse_nameless(name: str, devices: Sequence[Device], clocks: Sequence[Clock], width: int) -> None:
     """Raise an error for a table without header in which one column names the sensor of each line."""
-    if devices and width <= NAMELESS:
-        words = ", ".join(" ".join(device.words) for device in devices[:MOST_NAMED])
+    if devices and width <= MAX_NAMELESS_COLUMNS:
+        words = ", ".join(" ".join(device.words) for device in devices[:MAX_NAMES])
         column = devices[0].cells[0]
         taken = {*devices[0].cells, *(cell for clock in clocks for cell in clock.cells)}
         others = ",".join([str(cell + 1) for cell in range(width) if cell not in taken][-3:])
@@ -116,8 +127,8 @@ def refuse_coded(name: str, header: Sequence[str], values: Floats, cells: Sequen
 
 def _is_gravity(lengths: Floats, usual: float) -> bool:
     """Tell whether vector lengths are those of gravity in m/s² or g."""
-    is_near = any(abs(usual / GRAVITY[unit] - 1) < NEARLY for unit in ("m/s²", "g"))
-    return is_near and float(np.median(np.abs(lengths - usual))) < STEADY * usual
+    is_near = any(abs(usual / GRAVITY[unit] - 1) < GRAVITY_TOLERANCE for unit in ("m/s²", "g"))
+    return is_near and float(np.median(np.abs(lengths - usual))) < MAX_GRAVITY_SPREAD * usual
 
 
 def refuse_one_value(name: str, lines: Sequence[str], *, may_be_in_turn: bool = False) -> None:
@@ -132,7 +143,7 @@ def refuse_one_value(name: str, lines: Sequence[str], *, may_be_in_turn: bool = 
             continue
         width = Counter(map(len, rows)).most_common(1)[0][0]
         for place in range(width):
-            words = [bare(row[place]) for row in rows if len(row) == width > 1]
+            words = [normalise_word(row[place]) for row in rows if len(row) == width > 1]
             told = _axes_of_words(words)
             if told and (may_be_in_turn or not _are_in_turn([word for word in words if word in told])):
                 raise NoMagnetometer(
@@ -144,7 +155,7 @@ def refuse_one_value(name: str, lines: Sequence[str], *, may_be_in_turn: bool = 
 def _axes_of_words(words: Sequence[str]) -> list[str]:
     """Repeated words that name the three axes of a magnetometer; none if there are too many different words."""
     counts = Counter(words)
-    often = sorted(word for word, count in counts.items() if count >= MIN_READINGS and number(word, ".") is None)
+    often = sorted(word for word, count in counts.items() if count >= MIN_READINGS and parse_number(word, ".") is None)
     found = magnetometers(often) if len(counts) <= MAX_DEVICES else ()
     return [often[cell] for cell in found[0].cells] if found else []
 
@@ -173,9 +184,9 @@ def _refuse_thousands(name: str, rows: Sequence[Sequence[str]], columns: Columns
     whole: list[float] = []
     for cell in (row[place].strip() for row in rows for place in columns.field.cells):
         if decimal not in cell:
-            value = number(cell, ".")
+            value = parse_number(cell, ".")
             whole += [] if value is None else [abs(value)]
-        elif _GROUPED.fullmatch(cell):
+        elif _GROUPED_NUMBER.fullmatch(cell):
             grouped.append(cell)
         else:
             return
@@ -199,11 +210,11 @@ def extremes_alone(name: str, texts: Sequence[str]) -> NoMagnetometer | None:
     """Error for six numbers alone, the smallest and the largest of each axis; None for any other text."""
     if len(texts) > 2 * len("xyz"):
         return None
-    numbers = [each for text in texts for each in cut(text[:SEARCHED_LETTERS])[0]]
+    numbers = [each for text in texts for each in split_line(text[:SEARCHED_LETTERS])[0]]
     if len(numbers) != 2 * len("xyz"):
         return None
     pairs = list(zip(numbers[::2], numbers[1::2], strict=True))
-    in_turn = all((number(low, ".") or 0.0) < (number(high, ".") or 0.0) for low, high in pairs)
+    in_turn = all((parse_number(low, ".") or 0.0) < (parse_number(high, ".") or 0.0) for low, high in pairs)
     typed = ",".join(numbers) if in_turn else "X0,X1,Y0,Y1,Z0,Z1"
     return NoMagnetometer(
         f"{name} has six numbers and no readings: if they are the smallest and the largest reading of each axis, "
@@ -216,7 +227,7 @@ def no_magnetometer(name: str, header: list[str], values: Floats, text: str, hea
         return extremes
     if header:
         return NoMagnetometer(
-            f"no magnetometer among the columns of {name}: {listed(header)}; "
+            f"no magnetometer among the columns of {name}: {list_columns(header)}; "
             "say which three it is, by name or by number",
             hint=XYZ,
             columns=header,
@@ -230,7 +241,7 @@ def no_magnetometer(name: str, header: list[str], values: Floats, text: str, hea
 
 def _other_labels(name: str, text: str, line: str) -> NoMagnetometer | None:
     """Error that names the other sensors in the labels of a line; None if there are no labels."""
-    gaps = cut(text[:SEARCHED_LETTERS])[1]
+    gaps = split_line(text[:SEARCHED_LETTERS])[1]
     names = names_of(gaps) if len(gaps) > 1 else ()
     others = {meaning(each).kind for each in names} & {ACCELERATION, RATE}
     if not others and not (is_labelled(gaps) and any(map(QUANTITY.search, names))):
@@ -243,18 +254,18 @@ def _other_labels(name: str, text: str, line: str) -> NoMagnetometer | None:
     )
 
 
-def nothing_read(name: str, lines: list[tuple[int, str]]) -> InputError:
+def no_readings_found(name: str, lines: list[tuple[int, str]]) -> InputError:
     """Error for a file without rows of three numbers, by its actual content."""
-    if lines[-1][1] == ENDS_EARLY:
+    if lines[-1][1] == GZIP_CUT_MARK:
         return UnreadableInput(
             f"{name} is cut short before its first reading: its gzip data have no end; copy it again"
         )
-    few = max((cut_at(lines, signs, 1).rows for signs in SIGNS), key=len)
-    numbers = [(at, text) for at, text in lines if len(cut(text[:SEARCHED_LETTERS])[0]) >= 3]
+    few = max((split_lines(lines, signs, 1).rows for signs in SIGNS), key=len)
+    numbers = [(at, text) for at, text in lines if len(split_line(text[:SEARCHED_LETTERS])[0]) >= 3]
     headed = next(
         (
             at
-            for at, text in lines[:MOST_ABOVE]
+            for at, text in lines[:MAX_LINES_ABOVE]
             for sign, _ in SIGNS
             if names_magnetometer(split(text[: 16 * SEARCHED_LETTERS], sign))
         ),
@@ -267,17 +278,17 @@ def nothing_read(name: str, lines: list[tuple[int, str]]) -> InputError:
     if 2 * len(few) >= len(lines) and len(numbers) < len(few):
         place, text = next((place, text) for place, text in lines if place in few)
         return NoMagnetometer(
-            f"{name} has fewer than three numbers a line (line {place + 1}: {shown(text)!r}): "
+            f"{name} has fewer than three numbers a line (line {place + 1}: {shorten(text)!r}): "
             f"need three, x y z, one reading a line{remark('two columns')}"
         )
     place, text = lines[0]
-    if text.endswith(CUT_OFF):
+    if text.endswith(CUT_MARK):
         return UnreadableInput(
-            f"line {place + 1} of {name} is longer than a million characters ({shown(text)!r}): need one reading a line"
+            f"line {place + 1} of {name} is longer than a million characters ({shorten(text)!r}): need one reading a line"
         )
     place, text = numbers[0] if numbers else lines[0]
-    line = f" (line {place + 1}: {shown(text)!r})"
-    if not numbers and any(MOMENT.search(text[:SEARCHED_LETTERS]) for _, text in lines[:MOST_ABOVE]):
+    line = f" (line {place + 1}: {shorten(text)!r})"
+    if not numbers and any(MOMENT.search(text[:SEARCHED_LETTERS]) for _, text in lines[:MAX_LINES_ABOVE]):
         return NoMagnetometer(
             f"no magnetometer in {name}: no line has three numbers besides dates and times{line}; need x, y and z of a "
             "reading on a line"

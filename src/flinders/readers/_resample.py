@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
 
 import numpy as np
 
-from flinders.arrays import floats
-from flinders.core.samples import BLOCK, Samples
-from flinders.geometry.quaternions import between, known, of_matrix, product
+from flinders.arrays import to_floats
+from flinders.core.samples import BLOCK_ROWS, Samples
+from flinders.geometry.quaternions import from_matrix, interpolate_attitudes, product, valid_attitudes
 from flinders.readers._names import ACCELERATION, ATTITUDE, CURRENT, RATE, TEMPERATURE, THROTTLE, THROTTLES
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 MAX_GAP_S: Final = 2.5
 """Longest gap in s between two measurements that is interpolated."""
-LONGEST_TURN: Final = 0.5
+MAX_ATTITUDE_GAP_S: Final = 0.5
 """Longest gap in s between two attitudes that is interpolated; autopilots log at least four per second."""
 THROTTLE_TOLERANCE: Final = 0.01
 """Largest excess of a throttle over the range 0 to 1."""
@@ -56,7 +56,7 @@ class TimeSeries:
 
         `time`: (M,) array-like, s; `values`: (M, k) array-like.
         """
-        when, measured = floats(time), floats(values)
+        when, measured = to_floats(time), to_floats(values)
         usable = np.isfinite(when) & np.isfinite(measured).all(axis=1)
         if not usable.all():
             when, measured = when[usable], measured[usable]
@@ -75,14 +75,14 @@ class TimeSeries:
             values[(gap > MAX_GAP_S) & ~met] = np.nan
         return values
 
-    def until_next(self, time: Floats) -> Floats:
+    def mean_until_next(self, time: Floats) -> Floats:
         """(N, k) mean from each of these (N,) times to the next, if there are measurements in between; else `at`.
 
         The mean rate of the gyro gives the rotation of the body up to the next reading. Single values of a gyro that is
         faster than the compass miss most of it: for the flight in the archive they leave half as much error again.
 
         >>> shaken = TimeSeries.of(np.arange(9.0) / 4, np.array([[0, 4, 0, 4, 0, 4, 0, 4, 0]]).T)
-        >>> shaken.at(np.array([0.0, 1.0, 2.0])).ravel(), shaken.until_next(np.array([0.0, 1.0, 2.0])).ravel()
+        >>> shaken.at(np.array([0.0, 1.0, 2.0])).ravel(), shaken.mean_until_next(np.array([0.0, 1.0, 2.0])).ravel()
         (array([0., 0., 0.]), array([2., 2., 0.]))
         """
         values = self.at(time)
@@ -117,12 +117,12 @@ class AttitudeSeries(TimeSeries):
     @classmethod
     def of(cls, time: ArrayLike, values: ArrayLike) -> Self | None:
         """Sort (M, 4) quaternions w, x, y, z by their (M,) times, without those whose length is not 1."""
-        return super().of(time, known(floats(values)))
+        return super().of(time, valid_attitudes(to_floats(values)))
 
     def at(self, time: Floats) -> Floats:
         """(N, 4) attitudes at these (N,) times, interpolated at a constant rate on the shortest path.
 
-        NaN before and after, in gaps longer than `LONGEST_TURN`, and between attitudes that differ by more than
+        NaN before and after, in gaps longer than `MAX_ATTITUDE_GAP_S`, and between attitudes that differ by more than
         `MAX_TURN_RAD`.
         """
         after = np.clip(np.searchsorted(self.time, time, side="right"), 1, max(len(self.time) - 1, 1))
@@ -130,10 +130,10 @@ class AttitudeSeries(TimeSeries):
         start, end = self.time[before], self.time[after]
         gap = end - start
         share = np.clip((time - start) / np.where(gap > 0, gap, 1.0), 0.0, 1.0)
-        values = between(self.values[before], self.values[after], share)
+        values = interpolate_attitudes(self.values[before], self.values[after], share)
         is_smooth = np.abs(np.einsum("ij,ij->i", self.values[before], self.values[after])) >= MIN_HALF_TURN_COSINE
         met = (time == start) | (time == end)
-        lost = ~(met | (is_smooth & (gap <= LONGEST_TURN)))
+        lost = ~(met | (is_smooth & (gap <= MAX_ATTITUDE_GAP_S)))
         values[~((time >= start) & (time <= end)) | lost] = np.nan
         return values
 
@@ -142,32 +142,32 @@ Series: TypeAlias = TimeSeries | tuple[TimeSeries, ...]
 """Time series of one column of `Samples`; a tuple is several columns, each with its own times."""
 
 
-def resampled(series: Mapping[str, Series | None], time: Floats, turn: Floats | None = None) -> dict[str, Any]:
+def resample(series: Mapping[str, Series | None], time: Floats, turn: Floats | None = None) -> dict[str, Any]:
     """Columns of `Samples` at the times of readings; a (3, 3) rotation `turn` maps the axes of the series to theirs."""
     columns: dict[str, Any] = {}
     for kind, one in series.items():
         if one is None:
             continue
         several = one if isinstance(one, tuple) else (one,)
-        values = np.hstack([each.until_next(time) if kind == RATE else each.at(time) for each in several])
+        values = np.hstack([each.mean_until_next(time) if kind == RATE else each.at(time) for each in several])
         if turn is not None and kind in (ACCELERATION, RATE):
             values = values @ turn.T
         elif turn is not None and kind == ATTITUDE:
-            values = product(values, of_matrix(turn.T))
+            values = product(values, from_matrix(turn.T))
         columns[kind] = _as_column(kind, values)
     return columns
 
 
 def _as_column(kind: str, values: Floats) -> Floats:
     """(N,) for kinds with one number in `Samples`, else (N, k); throttles as shares."""
-    valid = shares(values) if kind in (THROTTLE, THROTTLES) else values
+    valid = throttle_shares(values) if kind in (THROTTLE, THROTTLES) else values
     return valid[:, 0] if kind in (CURRENT, THROTTLE, TEMPERATURE) else valid
 
 
-def shares(values: Floats) -> Floats:
+def throttle_shares(values: Floats) -> Floats:
     """Throttles of a log as shares: NaN outside 0 to 1, with a tolerance of 0.01 for rounding.
 
-    >>> shares(np.array([0.5, 1.005, -0.2]))
+    >>> throttle_shares(np.array([0.5, 1.005, -0.2]))
     array([0.5, 1. , nan])
     """
     with np.errstate(invalid="ignore"):
@@ -176,7 +176,7 @@ def shares(values: Floats) -> Floats:
         )
 
 
-def numbered(samples: Samples, before: int) -> Samples:
+def number_skipped_rows(samples: Samples, before: int) -> Samples:
     """A block of a recording whose skipped rows are numbered from the start of it: `before` rows precede the block."""
     skipped = (replace(one, lines=tuple(line + before for line in one.lines)) for one in samples.skipped)
     return replace(samples, skipped=tuple(skipped)) if samples.skipped and before else samples
@@ -184,6 +184,6 @@ def numbered(samples: Samples, before: int) -> Samples:
 
 def blocks(source: str, unit: Unit, count: int, rows: Callable[[slice], dict[str, Any]]) -> Iterator[Samples]:
     """Yield the readings of a magnetometer; `rows` returns the columns of a slice, by name."""
-    for start in range(0, count, BLOCK):
-        samples = Samples.of(unit=unit, source=source, **rows(slice(start, start + BLOCK)))
-        yield numbered(samples, start)
+    for start in range(0, count, BLOCK_ROWS):
+        samples = Samples.of(unit=unit, source=source, **rows(slice(start, start + BLOCK_ROWS)))
+        yield number_skipped_rows(samples, start)

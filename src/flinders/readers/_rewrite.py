@@ -7,9 +7,9 @@ from itertools import chain
 from operator import ne
 from typing import TYPE_CHECKING, Final
 
-from flinders.core.samples import BLOCK
+from flinders.core.samples import BLOCK_ROWS
 from flinders.errors import UsageError
-from flinders.readers._cells import SPACES, quoted, unglued
+from flinders.readers._cells import SPACES, quote_cell, separate_numbers
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -39,18 +39,18 @@ class Rewriter:
         spaces = rf"[^\S{mark}]*"  # a tab may be the delimiter
         self._cell = re.compile(rf'({spaces}"(?:[^"]|"")*"{spaces}(?={mark}|$)|[^{mark}]*)(?:{mark}|$)')
 
-    def opening(self) -> Iterator[str]:
+    def header_lines(self) -> Iterator[str]:
         """Yield a header, if the recording has names but no header line."""
         header = self._layout.header
         if header and not self._layout.header_line:
-            yield self._name_added_columns(",".join(map(quoted, header))) + self._layout.newline
+            yield self._name_added_columns(",".join(map(quote_cell, header))) + self._layout.newline
 
     def lines(self, lines: Lines, rows: NumberRows, field: Floats) -> Iterator[str]:
         """Yield these lines with their ends; `field` is (len(rows.lines), 3), in the unit of the recording."""
         if self._add or len(rows.lines) < lines.count or self._delimiter == SPACES or '"' in lines.text:
             return self._one_by_one(lines, rows, field)
         texts = lines.texts
-        blocks = (slice(start, start + BLOCK) for start in range(0, lines.count, BLOCK))
+        blocks = (slice(start, start + BLOCK_ROWS) for start in range(0, lines.count, BLOCK_ROWS))
         return chain.from_iterable(self._replace_numbers(texts[block], field[block]) for block in blocks)
 
     def _replace_numbers(self, texts: Sequence[str], field: Floats) -> Iterable[str]:
@@ -143,7 +143,7 @@ class Rewriter:
     def _split_line(self, text: str) -> list[str]:
         """Split a line into cells with their spaces and quotes, so that `_join_cells` restores it."""
         if self._delimiter == SPACES:
-            return re.findall(r"\s*\S+", unglued(text))
+            return re.findall(r"\s*\S+", separate_numbers(text))
         if '"' not in text:
             return text.split(self._delimiter)
         cells: list[str] = []

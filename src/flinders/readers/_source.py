@@ -4,7 +4,7 @@ Input that cannot be read twice (standard input, a named pipe, a serial port) is
 deleted with its `File`. If one pass is enough, it is read as a `ByteStream`, which keeps nothing. Gzip is recognised by
 its first bytes.
 
->>> piped = spooled("-", [b"mx,my,mz\n", b"1,2,3\n"])
+>>> piped = spool("-", [b"mx,my,mz\n", b"1,2,3\n"])
 >>> piped.size, [lines.texts for lines in piped.lines("utf-8")]
 (15, [['mx,my,mz', '1,2,3']])
 """
@@ -28,12 +28,12 @@ from functools import partial
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Final, ParamSpec, TypeAlias, TypeVar, cast
 
-from flinders.core.files import REASONS, is_bomb, metered, reason
+from flinders.core.files import REASONS_BY_ERRNO, is_bomb, limit_size, reason_and_remedy
 from flinders.errors import UnreadableInput, UsageError
-from flinders.foreign_errors import reading
+from flinders.foreign_errors import parser_errors
 from flinders.readers._foreign_files import refuse_foreign
 from flinders.readers._lines import EndsEarly, Lines, encoding_of, lines_of
-from flinders.readers._tokenizer import cut, shown
+from flinders.readers._tokenizer import shorten, split_line
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Iterator
@@ -45,15 +45,15 @@ Item = TypeVar("Item")
 Progress: TypeAlias = "Callable[[int, int | None], None]"
 """Called once per block with the bytes read so far and the total, or None if the total is unknown."""
 GZIP: Final = b"\x1f\x8b"
-HEAD: Final = 1 << 16
+HEAD_BYTES: Final = 1 << 16
 """Number of first bytes that are examined to recognise the format and the encoding of a file."""
 END_BYTES: Final = 1 << 14
 """Number of bytes at each end of a file that are compared, to distinguish a file that grew from an overwritten one."""
-CHUNK: Final = 1 << 18
+CHUNK_BYTES: Final = 1 << 18
 """Number of bytes per read."""
 MAX_SPOOLED_BYTES: Final = 64 << 30
 """Largest size of a temporary copy in bytes; a longer pipe is refused, as it may be endless."""
-MOST_MEMBER: Final = 4 << 30
+MAX_MEMBER_BYTES: Final = 4 << 30
 """Largest unpacked size in bytes of a member of an archive, or of a packed file of a ROS 2 recording."""
 MAX_MESSAGE_BYTES: Final = 1 << 16
 """Largest size in bytes of a message in a log, whose length field has at most two bytes."""
@@ -76,22 +76,22 @@ class File:
 
     def is_packed(self) -> bool:
         """Whether the file on disk is compressed with gzip; raises as `opened`."""
-        with self.opened() as (_, unpacked):
+        with self.open_streams() as (_, unpacked):
             return isinstance(unpacked, gzip.GzipFile)
 
     def head(self) -> bytes:
-        """Return the first `HEAD` bytes, unpacked."""
+        """Return the first `HEAD_BYTES` bytes, unpacked."""
         head = b""
-        with self.opened() as (_, unpacked):
+        with self.open_streams() as (_, unpacked):
             try:
                 for chunk in _chunks(self.name, unpacked.read1):
                     head += chunk
-                    if len(head) >= HEAD:
+                    if len(head) >= HEAD_BYTES:
                         break
             except EndsEarly as cut:
                 if not head:
                     raise cut.refusal(self.name) from None
-        return head[:HEAD]
+        return head[:HEAD_BYTES]
 
     def opening(self, encoding: str) -> tuple[list[str], bool]:
         """Return the first block of lines, and whether these are all lines."""
@@ -104,7 +104,7 @@ class File:
         return [] if self.is_packed() else self.ends[-END_BYTES:].decode(encoding, "replace").splitlines()[1:]
 
     @contextlib.contextmanager
-    def opened(self) -> Iterator[tuple[io.BufferedReader, io.BufferedIOBase]]:
+    def open_streams(self) -> Iterator[tuple[io.BufferedReader, io.BufferedIOBase]]:
         """Open the file and give two streams, raw and unpacked; `UnreadableInput` if it cannot be read."""
         try:
             raw: Any = io.BufferedReader(UpTo(self.path, self.status.st_size if self.status else None))
@@ -116,7 +116,7 @@ class File:
             yield raw, gzip.GzipFile(fileobj=raw) if start == GZIP else raw
 
     @contextlib.contextmanager
-    def mapped(self) -> Iterator[mmap.mmap]:
+    def mapped_bytes(self) -> Iterator[mmap.mmap]:
         """Map the raw bytes of the file into memory; raises as `opened`."""
         with contextlib.ExitStack() as opened:
             try:
@@ -128,7 +128,7 @@ class File:
 
     def chunks(self) -> Iterator[bytes]:
         """Yield all bytes, unpacked; raise `EndsEarly` if the gzip data are cut short, and as `lines`."""
-        with self.opened() as (raw, unpacked):
+        with self.open_streams() as (raw, unpacked):
             yield from self._limited_chunks(raw, unpacked)
 
     def lines(self, encoding: str, blocks: int = 1) -> Generator[Lines, None, None]:
@@ -136,7 +136,7 @@ class File:
 
         Raises `UnreadableInput` if the file cannot be opened, or its gzip data are broken or unpack to too much.
         """
-        with self.opened() as (raw, unpacked):
+        with self.open_streams() as (raw, unpacked):
             yield from lines_of(self._limited_chunks(raw, unpacked), encoding, raw.tell, blocks=blocks)
 
     def refuse_changed(self) -> None:
@@ -165,8 +165,8 @@ class File:
 
     def _weigh(self) -> None:
         """Unpack the whole file and raise an error if the result is too large."""
-        with self.opened() as (_, unpacked), contextlib.suppress(EndsEarly):
-            for _chunk in metered(self.name, _chunks(self.name, unpacked.read1), lambda: self.size):
+        with self.open_streams() as (_, unpacked), contextlib.suppress(EndsEarly):
+            for _chunk in limit_size(self.name, _chunks(self.name, unpacked.read1), lambda: self.size):
                 pass
 
 
@@ -210,12 +210,12 @@ class ByteStream:
         self._cut: EndsEarly | None = None
 
     def head(self) -> bytes:
-        """Wait for enough bytes to recognise the format: rows of numbers, `HEAD` bytes, or the end of the stream."""
+        """Wait for enough bytes to recognise the format: rows of numbers, `HEAD_BYTES` bytes, or the end of the stream."""
         try:
             while not self._is_enough and (chunk := next(self._arriving, None)) is not None:
                 self._head += chunk
                 ends_line = b"\n" in chunk or b"\r" in chunk
-                self._is_enough = len(self._head) >= HEAD or (ends_line and _shows_layout(self._head))
+                self._is_enough = len(self._head) >= HEAD_BYTES or (ends_line and _shows_layout(self._head))
         except EndsEarly as cut:
             self._cut = cut
         self._ended = not self._is_enough
@@ -277,7 +277,7 @@ def find(path: str | os.PathLike[str] | IO[Any], *, once: bool = False, check: C
     text = os.fspath(path)
     if text == "-":
         return _open_pipe("standard input", _standard_input(), once, check)
-    file, name = Path(text), shown(text)
+    file, name = Path(text), shorten(text)
     try:
         status = file.stat()
         if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):
@@ -304,13 +304,13 @@ def printable(name: str) -> str:
     return os.fsencode(name).decode(errors="replace")
 
 
-def sound(passed: Callable[P, Iterator[Item]]) -> Callable[P, Iterator[Item]]:
+def raise_own_errors(passed: Callable[P, Iterator[Item]]) -> Callable[P, Iterator[Item]]:
     """Decorate a pass over a recording so that it raises only errors of Flinders, and refuses a replaced file."""
 
     @functools.wraps(passed)
     def checked_pass(*args: P.args, **options: P.kwargs) -> Iterator[Item]:
         recording: Any = args[0]
-        with reading(recording.source, "a recording"):
+        with parser_errors(recording.source, "a recording"):
             yield from passed(*args, **options)
             file = getattr(recording, "original", None) or recording.file
             if isinstance(file, File):
@@ -319,7 +319,7 @@ def sound(passed: Callable[P, Iterator[Item]]) -> Callable[P, Iterator[Item]]:
     return checked_pass
 
 
-def spooled(name: str, chunks: Iterable[bytes], *, empty: str = "record again, or check what was saved") -> File:
+def spool(name: str, chunks: Iterable[bytes], *, empty: str = "record again, or check what was saved") -> File:
     """Copy chunks to a temporary file, which is deleted with the source or at exit.
 
     Empty input and a failed copy raise `UnreadableInput`; `empty` is the advice for empty input.
@@ -338,7 +338,7 @@ def spooled(name: str, chunks: Iterable[bytes], *, empty: str = "record again, o
     except OSError as error:
         folder = f"the temporary folder {tempfile.tempdir}" if tempfile.tempdir else "a temporary folder"
         raise UnreadableInput(
-            f"{name} cannot be copied to {folder}: {reason(error)}; or set TMPDIR to another folder"
+            f"{name} cannot be copied to {folder}: {reason_and_remedy(error)}; or set TMPDIR to another folder"
         ) from None
     finally:
         if source is None and path is not None:
@@ -346,17 +346,19 @@ def spooled(name: str, chunks: Iterable[bytes], *, empty: str = "record again, o
     return source
 
 
-def derived(source: Source, chunks: Iterator[bytes]) -> Source:
+def derive_source(source: Source, chunks: Iterator[bytes]) -> Source:
     """Turn bytes derived from a source into a source of the same kind: a stream, or a temporary file."""
-    return ByteStream(source.name, chunks) if isinstance(source, ByteStream) else spooled(source.name, chunks)
+    return ByteStream(source.name, chunks) if isinstance(source, ByteStream) else spool(source.name, chunks)
 
 
 def on_disk(source: Source) -> File:
     """The source as an uncompressed file, for readers that need random access."""
-    return source if isinstance(source, File) and not source.is_packed() else spooled(source.name, unpacked(source))
+    return (
+        source if isinstance(source, File) and not source.is_packed() else spool(source.name, unpacked_chunks(source))
+    )
 
 
-def unpacked(source: Source) -> Iterator[bytes]:
+def unpacked_chunks(source: Source) -> Iterator[bytes]:
     """Yield all bytes, unpacked; `UnreadableInput` for compressed data that are cut short or too large."""
     try:
         yield from source.chunks()
@@ -372,8 +374,8 @@ def refusal(name: str, error: OSError | ValueError) -> UnreadableInput:
         case PermissionError():
             return UnreadableInput(f"{name} may not be read: ask for permission, or copy it to where you may")
         case OSError():
-            advice = "" if error.errno in REASONS else "; try a copy of it"
-            return UnreadableInput(f"{name} cannot be read: {reason(error)}{advice}")
+            advice = "" if error.errno in REASONS_BY_ERRNO else "; try a copy of it"
+            return UnreadableInput(f"{name} cannot be read: {reason_and_remedy(error)}{advice}")
         case _:
             return UnreadableInput(f"{name} is not a file name: {error}")
 
@@ -381,9 +383,9 @@ def refusal(name: str, error: OSError | ValueError) -> UnreadableInput:
 def _of_open_file(file: IO[Any], check: Check) -> Source:
     """Copy the rest of an open file, of bytes or of text."""
     name = str(getattr(file, "name", type(file).__name__))
-    pieces = iter(partial(file.read, CHUNK), file.read(0))
+    pieces = iter(partial(file.read, CHUNK_BYTES), file.read(0))
     chunks = (piece.encode() if isinstance(piece, str) else piece for piece in pieces)
-    return spooled(name, _checked_chunks(name, chunks, check))
+    return spool(name, _checked_chunks(name, chunks, check))
 
 
 def _standard_input() -> io.BufferedIOBase:
@@ -396,26 +398,26 @@ def _standard_input() -> io.BufferedIOBase:
 def _open_pipe(name: str, stream: io.BufferedIOBase, once: bool, check: Check) -> Source:
     if once:
         return ByteStream(name, _as_it_arrives(name, stream))
-    return spooled(name, _checked_chunks(name, _chunks(name, stream.read), check), empty=EMPTY_PIPE_MESSAGE)
+    return spool(name, _checked_chunks(name, _chunks(name, stream.read), check), empty=EMPTY_PIPE_MESSAGE)
 
 
 def _checked_chunks(name: str, chunks: Iterator[bytes], check: Check) -> Iterator[bytes]:
     """Yield chunks if the first one passes the check or is gzip."""
     first = next(chunks, b"")
     if first and not first.startswith(GZIP):
-        check(name, first[:HEAD])
+        check(name, first[:HEAD_BYTES])
     return itertools.chain([first], chunks)
 
 
 def _as_it_arrives(name: str, stream: io.BufferedIOBase) -> Iterator[bytes]:
     """Yield the unpacked bytes of a pipe as soon as they arrive."""
     start = b""
-    while len(start) < len(GZIP) and (more := _read(name, stream.read1, CHUNK)):
+    while len(start) < len(GZIP) and (more := _read(name, stream.read1, CHUNK_BYTES)):
         start += more
     if start.startswith(GZIP):
         packed = _Ahead(start, stream)
         unpacked = gzip.GzipFile(fileobj=cast("IO[bytes]", packed))
-        yield from metered(name, _chunks(name, unpacked.read1), lambda: packed.given)
+        yield from limit_size(name, _chunks(name, unpacked.read1), lambda: packed.given)
     elif start:
         yield start
         yield from _chunks(name, stream.read1)
@@ -444,7 +446,7 @@ def _shows_layout(head: bytes) -> bool:
 
 def _row_width(line: str) -> int:
     """Count the numbers of a line; 0 if they are too few for a reading."""
-    numbers = len(cut(line)[0])
+    numbers = len(split_line(line)[0])
     return numbers if numbers >= MIN_NUMBERS else 0
 
 
@@ -461,7 +463,7 @@ def _copy(name: str, chunks: Iterable[bytes], file: IO[bytes], empty: str) -> in
 
 
 def _chunks(name: str, read: Callable[[int], bytes]) -> Iterator[bytes]:
-    while chunk := _read(name, read, CHUNK):
+    while chunk := _read(name, read, CHUNK_BYTES):
         yield chunk
 
 

@@ -26,20 +26,20 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from flinders.core.axes import Axes
-from flinders.core.samples import BLOCK, Skipped, added
+from flinders.core.samples import BLOCK_ROWS, Skipped, merge_skipped
 from flinders.core.time_span import TimeSpan
-from flinders.errors import NoMagnetometer, UnreadableInput, counted
+from flinders.errors import NoMagnetometer, UnreadableInput, count_text
 from flinders.readers._auxiliary import places_in
-from flinders.readers._choice import FIRST, Choice
+from flinders.readers._choice import FIRST_SENSOR, Choice
 from flinders.readers._column_choice import choose, rising_in
 from flinders.readers._columns import Columns, ColumnsRecording, unit_of
 from flinders.readers._devices import MAX_SENSORS, Device, SensorColumn, devices_in, names_device, sensor_column
 from flinders.readers._likeness import XYZ
 from flinders.readers._names import AUXILIARY
 from flinders.readers._refusals import ranges
-from flinders.readers._resample import numbered
-from flinders.readers._source import sound
-from flinders.readers._tokenizer import listed, shown
+from flinders.readers._resample import number_skipped_rows
+from flinders.readers._source import raise_own_errors
+from flinders.readers._tokenizer import list_columns, shorten
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from flinders.readers._source import Progress, Source
 
 SAMPLED_ROWS: Final = 200  # rows that are examined to distinguish times from other numbers
-WIDEST: Final = 512  # largest number of columns in an array of readings
+MAX_COLUMNS: Final = 512  # largest number of columns in an array of readings
 
 
 class Labels:
@@ -133,7 +133,7 @@ class Table:
         asked = (each for each in columns.auxiliary if each.kind == AUXILIARY and each.cells[0] in self.labels)
         found = {}
         for each in asked:
-            numbers = columns.taken(values, each)[:, 0]
+            numbers = columns.values_of_column(values, each)[:, 0]
             known = np.array([*self.labels[each.cells[0]].words, ""])
             found[each.names[0]] = known[np.where(np.isnan(numbers), -1, numbers).astype(int)]
         return found
@@ -160,7 +160,7 @@ class Table:
         """
         columns = [column for name, array in arrays.items() for column in _columns_of(name, array)]
         if not columns:
-            shapes = ", ".join(f"{shown(name) or 'an array'} {a.shape} of {a.dtype}" for name, a in arrays.items())
+            shapes = ", ".join(f"{shorten(name) or 'an array'} {a.shape} of {a.dtype}" for name, a in arrays.items())
             raise NoMagnetometer(
                 f"{source} holds no columns of numbers: {shapes or 'no arrays'}; need an array of N readings by 3, or "
                 "arrays of equal length by name"
@@ -181,8 +181,8 @@ class Table:
             return _floats(values[cell][rows])
 
         def rows(cells: Sequence[int]) -> Iterator[Floats]:
-            for start in range(0, length, BLOCK):
-                yield np.stack([part(cell, slice(start, start + BLOCK)) for cell in cells], axis=1)
+            for start in range(0, length, BLOCK_ROWS):
+                yield np.stack([part(cell, slice(start, start + BLOCK_ROWS)) for cell in cells], axis=1)
 
         places = {name: place for place, name in hidden.items()}
         return cls(kind, names if any(names) else (), len(alike), length, rows, labelled, places)
@@ -229,11 +229,11 @@ class TableRecording(ColumnsRecording):
     def with_columns(self, columns: Columns, unit: str | None, scale: float | None) -> TableRecording:
         """The recording of these columns, in the unit of their names or of the user."""
         own = unit_of(columns, self.source, unit, scale)
-        recording = replace(self, columns=columns.in_given(unit, scale).with_strength_in(own), unit=own)
+        recording = replace(self, columns=columns.with_given_unit(unit, scale).with_strength_in(own), unit=own)
         recording.temporary_files = self.temporary_files
         return recording
 
-    @sound
+    @raise_own_errors
     def blocks(self) -> Iterator[Samples]:
         """Yield the readings from the first on, about 8192 at a time.
 
@@ -246,20 +246,20 @@ class TableRecording(ColumnsRecording):
             own = values[self.table.belongs_to(device, values[:, -len(device.cells) :])] if device else values
             words = self.table.words_of(self.columns, own.T)
             samples = self.columns.samples(own.T, unit=self.unit, axes=self.axes, source=self.source, words=words)
-            self.skipped = added(self.skipped, numbered(samples, done).skipped)
+            self.skipped = merge_skipped(self.skipped, number_skipped_rows(samples, done).skipped)
             done += len(values)
             usable += len(samples)
             if self.progress and self.file.size:
                 self.progress(int(self.file.size * done / self.table.length), self.file.size)
-            within = clock.within(samples)
+            within = clock.is_within(samples)
             if within.any():
-                yield clock.selected(samples, within)
+                yield clock.select(samples, within)
         if not usable:
             raise UnreadableInput(
                 f"no usable reading in {self.source}: {'; '.join(map(str, self.skipped)) or 'it has no rows'}; need "
                 "finite x, y and z; check the sensor and its wiring"
             )
-        clock.judge()
+        clock.refuse_empty()
 
     def written(self) -> str:
         """Description of the format."""
@@ -275,7 +275,7 @@ def open_table(
     scale: float | None = None,
     axes: Axes | None = None,
     flat: str | None = None,
-    choice: Choice = FIRST,
+    choice: Choice = FIRST_SENSOR,
     progress: Progress | None = None,
 ) -> TableRecording:
     """Recognise the columns of a table; parameters as `flinders.readers.open_recording`.
@@ -291,7 +291,7 @@ def open_table(
     block = next(table.rows(range(table.width)), None)
     if block is None:
         raise UnreadableInput(
-            f"{file.name} should have {counted(table.length, 'row')} but contains none: copy it again"
+            f"{file.name} should have {count_text(table.length, 'row')} but contains none: copy it again"
         )
     if len(block) == table.length:  # the whole table, which need not be read again
         again = table.rows
@@ -302,12 +302,12 @@ def open_table(
     devices = table.devices(table.sensors())
     own = block[table.belongs_to(devices[0], block[:, list(devices[0].cells)])] if devices else block
     first = own[:SAMPLED_ROWS] if len(own) else block[:SAMPLED_ROWS]
-    columns = columns or choice.remembered(table.names, table.width, rising_in(first) if choice.forms else ())
+    columns = columns or choice.remembered_columns(table.names, table.width, rising_in(first) if choice.forms else ())
     known = choose(table.names, first, columns, flat=flat, choice=choice, source=file.name, devices=devices)
     if known is None:
         raise NoMagnetometer(_unknown_columns_words(file.name, table, first), hint=XYZ)
     settled = unit_of(known, file.name, unit, scale)
-    known = known.in_given(unit, scale).with_strength_in(settled)
+    known = known.with_given_unit(unit, scale).with_strength_in(settled)
     return TableRecording(file, table, known, settled, axes or Axes(), progress)
 
 
@@ -318,7 +318,7 @@ def _unknown_columns_words(name: str, table: Table, first: Floats) -> str:
             f"from {ranges(first)}; say which are the magnetometer, by number"
         )
     return (
-        f"no magnetometer among the columns of {name}: {listed(table.names)}; "
+        f"no magnetometer among the columns of {name}: {list_columns(table.names)}; "
         "say which three it is, by name or by number"
     )
 
@@ -333,7 +333,7 @@ def _columns_of(name: str, array: NDArray[Any]) -> Iterator[tuple[str, NDArray[A
         if rows.shape[0] <= 4 < rows.shape[1]:
             rows = rows.T  # one reading per column, as in MATLAB
         width = rows.shape[1]
-        if width <= WIDEST:
+        if width <= MAX_COLUMNS:
             yield from ((named_part(name, place, width), rows[:, place]) for place in range(width))
 
 

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.core.samples import ACCOMPANYING, NOTED, Skipped, unanswered
-from flinders.core.silence import silent
+from flinders.core.samples import ACCOMPANYING, MAX_NOTED_LINES, Skipped, silent_entries
+from flinders.core.silence import find_silent
 from flinders.errors import UnreadableInput
-from flinders.readers._tokenizer import shown
+from flinders.readers._tokenizer import shorten
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -51,13 +51,13 @@ class Tally:
             self.last = rows.unreadable[-1]
             self.unreadable += len(rows.unreadable)
 
-    def judge(self, name: str, skipped: tuple[Skipped, ...]) -> None:
+    def refuse_mostly_unreadable(self, name: str, skipped: tuple[Skipped, ...]) -> None:
         """Raise an error if more than half of the lines are unreadable, or no reading is usable."""
         if self.unreadable > self.rows:
             raise UnreadableInput(
                 f"{self.unreadable:,} of {self.unreadable + self.rows:,} lines of {name} are not readings: "
-                f"the first is line {self.first[0]} ({shown(self.first[1])!r}), the last line {self.last[0]} "
-                f"({shown(self.last[1])!r}); check what was recorded, or name the columns",
+                f"the first is line {self.first[0]} ({shorten(self.first[1])!r}), the last line {self.last[0]} "
+                f"({shorten(self.last[1])!r}); check what was recorded, or name the columns",
                 hint={"columns": None},
             )
         if not self.usable:
@@ -67,7 +67,7 @@ class Tally:
             )
 
 
-def accounted(
+def account_for_rows(
     lines: Lines,
     rows: NumberRows,
     usable: NDArray[np.bool_],
@@ -78,21 +78,21 @@ def accounted(
     """Account for unusable rows and other lines of a block; remove the lines that accompany readings."""
     unusable = np.flatnonzero(~usable)
     read = columns.readings(rows.values[unusable].T)
-    is_silent = silent(read)
-    left_out = unanswered(read[is_silent, 0], rows.numbers[unusable[is_silent]])
+    is_silent = find_silent(read)
+    left_out = silent_entries(read[is_silent, 0], rows.numbers[unusable[is_silent]])
     if not is_silent.all():
         gaps = [rows.lines[int(place)] for place in unusable[~is_silent]]
         beside = [number for number in gaps if is_of_others(lines.texts[number - lines.first])]
         accounts = {NOT_FINITE: sorted(set(gaps).difference(beside)), ACCOMPANYING: beside}
         left_out += tuple(_skipped_lines(lines, numbers, why) for why, numbers in accounts.items() if numbers)
     if rows.unreadable:
-        left_out += besides(lines, [number for number, _ in rows.unreadable], shapes, UNREADABLE)
+        left_out += account_for_lines(lines, [number for number, _ in rows.unreadable], shapes, UNREADABLE)
         lost = [(number, text) for number, text in rows.unreadable if not shapes.accompanies(text)]
         rows = replace(rows, unreadable=lost)
     return rows, left_out
 
 
-def besides(lines: Lines, others: Sequence[int], shapes: LineShapes, reason: str) -> tuple[Skipped, ...]:
+def account_for_lines(lines: Lines, others: Sequence[int], shapes: LineShapes, reason: str) -> tuple[Skipped, ...]:
     """Account for lines that are no readings: as `reason`, or as accompanying readings."""
     if not others:
         return ()
@@ -108,4 +108,4 @@ def besides(lines: Lines, others: Sequence[int], shapes: LineShapes, reason: str
 def _skipped_lines(lines: Lines, numbers: Sequence[int], reason: str) -> Skipped:
     """An account of the lines with these numbers, with the first one as example."""
     example = lines.texts[numbers[0] - lines.first]
-    return Skipped(reason, len(numbers), tuple(numbers[:NOTED]), shown(example))
+    return Skipped(reason, len(numbers), tuple(numbers[:MAX_NOTED_LINES]), shorten(example))

@@ -2,7 +2,7 @@
 
 >>> seconds_and_nanoseconds(np.array([[1.7e9, 9e8, 4], [1.7e9 + 1, 1e8, 5]]))
 (0, 1)
->>> too_fast(np.arange(12.0), "", np.tile([[20.0, 0, 40], [0, 20, 40], [-20, 0, 40], [0, -20, 40]], (3, 1)))
+>>> reason_of_unknown_unit(np.arange(12.0), "", np.tile([[20.0, 0, 40], [0, 20, 40], [-20, 0, 40], [0, -20, 40]], (3, 1)))
 ''
 """
 
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.readers._likeness import ascends
+from flinders.readers._likeness import is_ascending
 from flinders.readers._names import FACTORS, TIME, is_letter_of_time
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 # Smallest value of a time since 1970 in ns, µs, ms and s, with the factor to s; four times the value is the year 2096.
 EPOCHS: Final = ((1e18, 1e-9), (1e15, 1e-6), (1e12, 1e-3), (1e9, 1.0))
 # readings per time from which its digits are too few; sensor buffers give only a few readings at once
-COARSE: Final = 10
+MIN_READINGS_PER_TIME: Final = 10
 # resolution in s from which on a constant time lacks digits, rather than its clock being at rest
 MIN_COARSE_S: Final = 1.0
 TEMPERATURES_C: Final = (-60.0, 150.0)  # range of a sensor's temperature
@@ -36,7 +36,7 @@ FALLING_REASON: Final = "it does not rise like a time"
 MAX_RATE_RAD_S: Final = 70.0  # 4000 °/s, the range of gyros; a sensor turned by hand is slower
 TURN_LAG_ROWS: Final = 4  # lag in rows over which a rotation accumulates and noise does not
 MIN_TURN_RATIO: Final = 2.0  # ratio of differences at this lag and between neighbours from which they are a rotation
-LONG: Final = 1e8  # s; larger times count from 1970, not from the start of the recording
+MIN_EPOCH_S: Final = 1e8  # s; larger times count from 1970, not from the start of the recording
 
 
 def seconds_and_nanoseconds(values: Floats) -> tuple[int, ...]:
@@ -51,32 +51,32 @@ def seconds_and_nanoseconds(values: Floats) -> tuple[int, ...]:
         )
         if is_whole and EPOCHS[-1][0] <= whole.min() and whole.max() < 4 * EPOCHS[-1][0]:
             is_part = part.min() >= 0 and 1e6 <= part.max() < 1e9
-            if is_part and ascends((whole - whole[0]) + 1e-9 * part):
+            if is_part and is_ascending((whole - whole[0]) + 1e-9 * part):
                 return place, place + 1
     return ()
 
 
 def is_clock(column: Floats) -> bool:
     """Tell whether an unnamed column ascends and is no row counter."""
-    return ascends(column) and set(np.diff(column[np.isfinite(column)])) != {1.0}
+    return is_ascending(column) and set(np.diff(column[np.isfinite(column)])) != {1.0}
 
 
-def timed_column(column: Column, unit: str, values: Floats) -> Column:
+def with_time_factor(column: Column, unit: str, values: Floats) -> Column:
     """Set the factor to seconds of a time column, and its start if the clock counts from 1970."""
     values = values[np.isfinite(values)]
     first = float(values[0]) if len(values) else 0.0
     factor = _factor_to_seconds(values, unit)
-    return replace(column, factor=factor, start=first if abs(first) * factor > LONG else 0.0)
+    return replace(column, factor=factor, start=first if abs(first) * factor > MIN_EPOCH_S else 0.0)
 
 
 @np.errstate(over="ignore")
-def cut_digits(values: Floats, unit: str) -> str:
+def reason_of_missing_digits(values: Floats, unit: str) -> str:
     """Reason if a time lacks digits: many readings share one time, and times differ by one unit of the last digit."""
     values = values[np.isfinite(values)]
     changes = np.flatnonzero(np.diff(values)) + 1
     runs = np.diff([0, *changes, len(values)])
     inside = runs[1:-1] if len(runs) > 2 else runs  # the first and the last may be incomplete
-    if len(values) < 2 * COARSE or np.median(inside) < COARSE:
+    if len(values) < 2 * MIN_READINGS_PER_TIME or np.median(inside) < MIN_READINGS_PER_TIME:
         return ""
     distinct, factor = values[[0, *changes]], _factor_to_seconds(values, unit)
     steps = _resolutions(distinct)
@@ -91,7 +91,7 @@ def cut_digits(values: Floats, unit: str) -> str:
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def too_fast(values: Floats, unit: str, field: Floats) -> str:
+def reason_of_unknown_unit(values: Floats, unit: str, field: Floats) -> str:
     """Reason if the unit of a time is unknown: with a unit guessed from its values, the sensor would turn too fast."""
     known = np.isfinite(values) & np.isfinite(field).all(axis=1)
     times, read = values[known], field[known]
@@ -106,7 +106,7 @@ def too_fast(values: Floats, unit: str, field: Floats) -> str:
     return f"its unit is unknown, and {fast}: put the unit into the name, such as t_ms"
 
 
-def falls(name: str, unit: str, values: Floats) -> str:
+def reason_of_falling(name: str, unit: str, values: Floats) -> str:
     """Reason if a column falls, or alternates, as no time does; a ``T`` must not be constant either.
 
     A name with a unit of time is always accepted: the rows of a fleet may be in any order.
@@ -125,7 +125,7 @@ def _rises(values: Floats) -> bool:
     steps = np.diff(values)
     changes = np.flatnonzero(steps)
     if len(changes) == 0:
-        return bool(values[0] == 0.0 or values[0] > LONG)  # a clock at rest, or one that lacks digits
+        return bool(values[0] == 0.0 or values[0] > MIN_EPOCH_S)  # a clock at rest, or one that lacks digits
     runs = np.diff(changes)  # readings per value, without the first and the last
     if len(runs) == 0 or np.mean(steps[changes] < 0) > MAX_RESET_SHARE:
         return False

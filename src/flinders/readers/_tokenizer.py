@@ -3,7 +3,7 @@ r"""Printed lines: their numbers, and column names made from the labels and unit
 The text between two numbers contains the unit of the first and the label of the second. A label that is only an axis
 belongs to the sensor named before it, and three numbers after one label are its x, y and z.
 
->>> numbers, gaps = cut("Mag X: -20.8 Y: -20.2 Z: 0xff38 uT")
+>>> numbers, gaps = split_line("Mag X: -20.8 Y: -20.2 Z: 0xff38 uT")
 >>> numbers, gaps
 (['-20.8', '-20.2', '-200'], ('Mag X:', 'Y:', 'Z:', 'uT'))
 >>> names_of(gaps)
@@ -16,29 +16,31 @@ import re
 from functools import lru_cache
 from typing import TYPE_CHECKING, Final
 
-from flinders.readers._cells import ATTACHED, decimal, unglued
-from flinders.readers._lines import CUT
-from flinders.readers._names import FACTORS, meaning, tells_readings_apart
+from flinders.readers._cells import ATTACHED_NUMBER, decimal, separate_numbers
+from flinders.readers._lines import SHOWN_LETTERS
+from flinders.readers._names import FACTORS, identifies_readings, meaning
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-MOST_NAMED: Final = 24  # largest number of columns named in a message
+MAX_NAMES: Final = 24  # largest number of columns named in a message
 
-NUMBER: Final = r"(?<![\w.^])(?:(?<!\w[-+−])(?=[-+−])|(?<![-+−])(?![-+−]))(?!(?<=\w\[)\d+\])(?!(?<=<)inf>)" + ATTACHED
+NUMBER: Final = (
+    r"(?<![\w.^])(?:(?<!\w[-+−])(?=[-+−])|(?<![-+−])(?![-+−]))(?!(?<=\w\[)\d+\])(?!(?<=<)inf>)" + ATTACHED_NUMBER
+)
 """A number that is not part of a word, of ``m/s^2``, ``X-6`` or an index; ``nan``, ``inf`` and ``ovf`` are printed by
 Arduino; ``<inf>`` is a log level of Zephyr."""
 _CUT: Final = re.compile(f"({NUMBER})")
 _COLOURS: Final = re.compile(r"\x1b\[[0-9;]*[A-Za-z]")  # of a terminal, as in the log of ESP-IDF
 _CHECK_SUM: Final = re.compile(r"\*[0-9a-fA-F]{2}\s*$")  # at the end of a sentence that starts with ``$``
 _LOOSE_SIGN: Final = re.compile(r"(?<=[:=,(\[])\s*-\s+(?=[\d.])")  # ``X: - 12``
-_NUMBERED: Final = re.compile(
+_SENSOR_NUMBER: Final = re.compile(
     r"\b(?!(?:reading|sample|measurement|point|step|row|line|packet|frame|loop|count)\b)([^\W\d_]{3,})"
     r"(?: +|\s*(?=[(\[#]))[(\[#]*(\d{1,2})[)\]]?(?=\s*:(?!\d)|\s*=|(?<=[)\]])\s+[xyz]\b)",
     re.IGNORECASE,
 )
 """The number of a sensor: ``Mag 1:``, ``Mag (1):``."""
-_REMARKED: Final = re.compile(
+_REMARK_AFTER_LABEL: Final = re.compile(
     r"(?<=[^\W_])\s?[(\[][^()\[\]:=]*[^\W\d_][^()\[\]:=]*[)\]](?=\s*[:=]|\s+[xyz]\s*[:=])", re.IGNORECASE
 )
 """A remark in brackets after a label, whose numbers are no readings: ``Mag (±4 gauss):``."""
@@ -91,12 +93,12 @@ _LEVEL: Final = re.compile(r"\b(?:trace|debug|info|notice|warn(?:ing)?|err(?:or)
 _TICKS: Final = re.compile(r"[DEIVW] \(")  # before milliseconds in the log of ESP-IDF: ``I (400) tag:``
 _REMARK: Final = re.compile(r"^\s*\([^()]*\)\s+(?=\w)")  # remark on the number before it: ``type=8(magn_x) index=0``
 _EDGE: Final = " \t,;:=|()[{}<>\"'-#*/>→~&$!"  # characters around the words of a label
-_BEHIND: Final = " )]}§"  # characters that close brackets around the number before them
-_BEFORE: Final = " \t,;:=|[{<>\"'-#*/→~"  # characters between a label and its number
+_CLOSING_SIGNS: Final = " )]}§"  # characters that close brackets around the number before them
+_SIGNS_BEFORE_NUMBER: Final = " \t,;:=|[{<>\"'-#*/→~"  # characters between a label and its number
 _LABEL: Final = re.compile(
     r"^[\W\d_]*[^\W\d_][^:=\[({]*[:=\[({]"
 )  # a letter, followed by the character that ends a label
-_BETWEEN: Final = re.compile(r"(?:[\s:=|>\"'{,;]|(?<=\s)-(?=\s))+")
+_LABEL_SEPARATORS: Final = re.compile(r"(?:[\s:=|>\"'{,;]|(?<=\s)-(?=\s))+")
 _XYZ: Final = re.compile(r"(?:^|[\s(\[])x[\s,/]*y[\s,/]*z$", re.IGNORECASE)  # a label of all three axes: ``Mag XYZ``
 _AXIS: Final = re.compile(r"(?:^|[\s_.\-/(])([xyz])(?:[\s_-]*(?:axis|component|value))?$", re.IGNORECASE)
 """An axis at the end of a label."""
@@ -110,48 +112,48 @@ QUANTITY: Final = re.compile(
     re.IGNORECASE,
 )
 """Other three-axis quantities: their words stay with the axis, while meaningless words are dropped."""
-_FILLING: Final = re.compile(r"\b(value|reading|data|component|axis)s?\b", re.IGNORECASE)
-_WORDS: Final = 3  # number of last words of a label that are tried if the whole label has no meaning
+_MEANINGLESS: Final = re.compile(r"\b(value|reading|data|component|axis)s?\b", re.IGNORECASE)
+_MAX_WORDS: Final = 3  # number of last words of a label that are tried if the whole label has no meaning
 
 
 # Bytes to lines -------------------------------------------------------------------------------------------------------
 
 
-def shown(text: str) -> str:
+def shorten(text: str) -> str:
     """Shorten a line for a message, without characters that control a terminal."""
-    cut = text.strip()[: CUT + 1]
+    cut = text.strip()[: SHOWN_LETTERS + 1]
     clean = "".join(letter if letter.isprintable() else " " if letter == "\t" else "\ufffd" for letter in cut)
-    return clean if len(clean) <= CUT else clean[: CUT - 1] + "…"
+    return clean if len(clean) <= SHOWN_LETTERS else clean[: SHOWN_LETTERS - 1] + "…"
 
 
-def listed(names: Sequence[str]) -> str:
+def list_columns(names: Sequence[str]) -> str:
     """The first names of columns, and the number of further ones: a table may have thousands.
 
-    >>> listed([str(place) for place in range(26)])[-16:]
+    >>> list_columns([str(place) for place in range(26)])[-16:]
     '23, and 2 others'
     """
-    more = f", and {len(names) - MOST_NAMED:,} others" if len(names) > MOST_NAMED else ""
-    return ", ".join(map(shown, names[:MOST_NAMED])) + more
+    more = f", and {len(names) - MAX_NAMES:,} others" if len(names) > MAX_NAMES else ""
+    return ", ".join(map(shorten, names[:MAX_NAMES])) + more
 
 
 # A printed line to numbers --------------------------------------------------------------------------------------------
 
 
-def cut(line: str) -> tuple[list[str], tuple[str, ...]]:
+def split_line(line: str) -> tuple[list[str], tuple[str, ...]]:
     """Split a line into its numbers and the stripped texts before, between and after them."""
     line = _COLOURS.sub("", line) if "\x1b" in line else line
     line = _CHECK_SUM.sub("", line) if line.startswith("$") else line
     line = _TELEPLOT.sub(r"\1", line) if ">" in line else line
-    line = unglued(line)
+    line = separate_numbers(line)
     line = MOMENT.sub(" ", line) if _MAY_BE_MOMENT.search(line) else line
-    line = _NUMBERED.sub(r"\1\2", line) if _MAY_BE_NUMBERED.search(line) else line
-    line = _REMARKED.sub(_without_numbers, line) if "(" in line or "[" in line else line
+    line = _SENSOR_NUMBER.sub(r"\1\2", line) if _MAY_BE_NUMBERED.search(line) else line
+    line = _REMARK_AFTER_LABEL.sub(_without_numbers, line) if "(" in line or "[" in line else line
     pieces = _CUT.split(_LOOSE_SIGN.sub(" -", line) if "- " in line else line)
     return [decimal(number) for number in pieces[1::2]], tuple(piece.strip() for piece in pieces[::2])
 
 
-def like(gaps: Sequence[str]) -> re.Pattern[str]:
-    """Compile a pattern for lines with exactly these gaps, which takes a third of the time of `cut`."""
+def compile_pattern(gaps: Sequence[str]) -> re.Pattern[str]:
+    """Compile a pattern for lines with exactly these gaps, which takes a third of the time of `split_line`."""
     inner = [rf"\s*{re.escape(gap)}\s*" if gap else r"\s+" for gap in gaps[1:-1]]
     ends = [rf"\s*{re.escape(gap)}\s*" for gap in (gaps[0], gaps[-1])]
     return re.compile(ends[0] + "".join(f"{_PLAIN}{gap}" for gap in inner) + _PLAIN + ends[1])
@@ -162,7 +164,7 @@ def like(gaps: Sequence[str]) -> re.Pattern[str]:
 
 @lru_cache(1024)
 def names_of(gaps: tuple[str, ...]) -> tuple[str, ...]:
-    """Column names of a line by label, axis and unit from the gaps of `cut`; empty for a number without label."""
+    """Column names of a line by label, axis and unit from the gaps of `split_line`; empty for a number without label."""
     behind = [_unit_and_label(gap) for gap in gaps[1:]]
     ahead = "time (ms)" if _TICKS.fullmatch(gaps[0]) else _label(gaps[0])
     labels, units = [ahead, *(label for _, label in behind[:-1])], [unit for unit, _ in behind]
@@ -221,17 +223,17 @@ def is_labelled(gaps: Sequence[str]) -> bool:
 
 def _unit_and_label(gap: str) -> tuple[str, str]:
     """Split the text between two numbers into the unit of the first and the label of the second."""
-    text = gap.lstrip(_BEHIND)
+    text = gap.lstrip(_CLOSING_SIGNS)
     unit = _UNIT_AHEAD.match(text)
     return (unit[1], _label(text[unit.end() :])) if unit else ("", _label(text))
 
 
 def _label(text: str) -> str:
     """The words of a label, without the characters around them; brackets around a unit at its end stay."""
-    text = _SENSOR_AND_UNIT.sub(r" \1 (\2)", _REMARK.sub("", _LEVEL.sub("", text).rstrip(_BEFORE)))
+    text = _SENSOR_AND_UNIT.sub(r" \1 (\2)", _REMARK.sub("", _LEVEL.sub("", text).rstrip(_SIGNS_BEFORE_NUMBER)))
     inside = _UNIT_INSIDE.search(text)
     text = text if inside else _BRACKET.sub(_remark, text)
-    words = _BETWEEN.sub(" ", _UNIT_INSIDE.sub(" ", text).strip(_EDGE)).strip(_EDGE)
+    words = _LABEL_SEPARATORS.sub(" ", _UNIT_INSIDE.sub(" ", text).strip(_EDGE)).strip(_EDGE)
     return f"{words} ({inside[1]})".lstrip() if inside else words
 
 
@@ -242,7 +244,7 @@ def _without_numbers(remark: re.Match[str]) -> str:
 
 def _remark(bracket: re.Match[str]) -> str:
     """Words of a remark after a label that distinguish readings, such as ``raw`` and ``left``."""
-    return "".join(f" {word}" for word in re.findall(r"\w+", bracket[1]) if tells_readings_apart(word.casefold()))
+    return "".join(f" {word}" for word in re.findall(r"\w+", bracket[1]) if identifies_readings(word.casefold()))
 
 
 def _without_unit(label: str) -> tuple[str, str]:
@@ -268,7 +270,7 @@ def _axes(label: str, count: int, sensor: str) -> tuple[list[str], str]:
     if count > 1:
         return [f"{label} {number} of {count}" if label else "" for number in range(1, count + 1)], ""
     if (ahead := _AXIS_AHEAD.fullmatch(label)) and (ahead[2] or not ahead[3]):
-        label = " ".join((*_FILLING.sub(" ", f"{ahead[2] or ''} {ahead[3]}").split(), ahead[1]))
+        label = " ".join((*_MEANINGLESS.sub(" ", f"{ahead[2] or ''} {ahead[3]}").split(), ahead[1]))
         if str(ahead[2]).casefold() == "norm":  # no reading of a sensor, whatever its label
             return [label], sensor
     if axis := _AXIS.search(label):
@@ -281,7 +283,7 @@ def _axes(label: str, count: int, sensor: str) -> tuple[list[str], str]:
 def _meaningful_words(label: str, ending: str = "", otherwise: str | None = None) -> str:
     """The last words of a label with a meaning, preferably all of them; else `otherwise`, or the last word."""
     words = label.split()
-    for count in (len(words), *range(min(_WORDS, len(words) - 1), 0, -1)):
+    for count in (len(words), *range(min(_MAX_WORDS, len(words) - 1), 0, -1)):
         some = " ".join(words[len(words) - count :])
         if some and meaning(some + ending).kind:
             return some

@@ -40,13 +40,13 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.core.files import metered
+from flinders.core.files import limit_size
 from flinders.errors import NoMagnetometer, UnreadableInput, UsageError
-from flinders.foreign_errors import reading
+from flinders.foreign_errors import parser_errors
 from flinders.readers._reader import Reader
-from flinders.readers._source import MOST_MEMBER, spooled
+from flinders.readers._source import MAX_MEMBER_BYTES, spool
 from flinders.readers._table import Table, TableRecording, open_table
-from flinders.readers._tokenizer import shown
+from flinders.readers._tokenizer import shorten
 from flinders.readers.text import open_text
 
 if TYPE_CHECKING:
@@ -66,30 +66,34 @@ OTHER_WORDS: Final = ("meta", "metadata", "annotation", "__macosx", "device", "r
 """Words in the path of a member that is no recording."""
 SHEETS: Final = {"[Content_Types].xml": "an Office document", "mimetype": "an OpenDocument file"}
 ZIP: Final = b"PK\x03\x04"
-MOST_MEMBERS: Final = 10_000
+MAX_MEMBERS: Final = 10_000
 CHUNK_BYTES: Final = 1 << 18
 
 
 def members(file: File) -> list[zipfile.ZipInfo]:
-    """List the files of an archive; `UnreadableInput` if it is broken or has more than `MOST_MEMBERS`."""
-    with reading(file.name, "a ZIP archive"), zipfile.ZipFile(file.path) as archive:
+    """List the files of an archive; `UnreadableInput` if it is broken or has more than `MAX_MEMBERS`."""
+    with parser_errors(file.name, "a ZIP archive"), zipfile.ZipFile(file.path) as archive:
         listed = [member for member in archive.infolist() if not member.is_dir()]
-    if len(listed) > MOST_MEMBERS:
+    if len(listed) > MAX_MEMBERS:
         raise UnreadableInput(f"{file.name} has {len(listed):,} members: unpack it and give the recording inside")
     return listed
 
 
 def member_chunks(file: File, member: zipfile.ZipInfo, *, ratio: bool = True) -> Iterator[bytes]:
-    """Unpack a member piece by piece; `ratio` as in `metered`.
+    """Unpack a member piece by piece; `ratio` as in `limit_size`.
 
     Raises `UnreadableInput` for a member that is encrypted, broken, or unpacks to too much.
     """
     if member.flag_bits & 1:
         raise UnreadableInput(f"{member.filename} in {file.name} is protected by a password: unpack it first")
     name = f"{member.filename} in {file.name}"
-    with reading(file.name, "a ZIP archive"), zipfile.ZipFile(file.path) as archive, archive.open(member) as stream:
+    with (
+        parser_errors(file.name, "a ZIP archive"),
+        zipfile.ZipFile(file.path) as archive,
+        archive.open(member) as stream,
+    ):
         chunks = iter(partial(stream.read, CHUNK_BYTES), b"")
-        yield from metered(name, chunks, lambda: member.compress_size, most=MOST_MEMBER, ratio=ratio)
+        yield from limit_size(name, chunks, lambda: member.compress_size, most=MAX_MEMBER_BYTES, ratio=ratio)
 
 
 def open_zip(file: File, *, topic: str | None = None, **options: Any) -> TextRecording:
@@ -105,7 +109,7 @@ def open_zip(file: File, *, topic: str | None = None, **options: Any) -> TextRec
         if any(member.filename == name for member in there):
             raise UnreadableInput(f"{file.name} is {kind}: export the sheet as CSV")
     member = _find_member(file.name, there, topic) if topic is not None else _likely_member(file.name, there)
-    unpacked = spooled(f"{file.name}/{shown(member.filename)}", member_chunks(file, member))
+    unpacked = spool(f"{file.name}/{shorten(member.filename)}", member_chunks(file, member))
     return open_text(unpacked, **options)
 
 
@@ -151,7 +155,7 @@ def _is_no_recording(path: str) -> bool:
 
 
 def _list_members(members: list[zipfile.ZipInfo]) -> str:
-    names = [shown(member.filename) for member in members]
+    names = [shorten(member.filename) for member in members]
     return ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "") or "nothing"
 
 
@@ -190,7 +194,7 @@ def open_npz(file: File, **options: Any) -> TableRecording:
     unpacked_files = []  # keeps the temporary files
     for member in members(file):
         if member.filename.endswith(".npy"):
-            unpacked = spooled(file.name, member_chunks(file, member, ratio=False))
+            unpacked = spool(file.name, member_chunks(file, member, ratio=False))
             unpacked_files.append(unpacked)
             array, _ = _map_array(unpacked, f"{member.filename} in {file.name}")
             if array is not None:
@@ -212,7 +216,7 @@ def _map_array(file: File, name: str) -> tuple[NDArray[Any] | None, int]:
     int
         Number of bytes after the array.
     """
-    with reading(name, "a NumPy array"), warnings.catch_warnings():
+    with parser_errors(name, "a NumPy array"), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # about headers of Python 2, which a user cannot change
         with file.path.open("rb") as stream:
             version = np.lib.format.read_magic(stream)

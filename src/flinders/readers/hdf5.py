@@ -33,14 +33,14 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from flinders.core.files import is_bomb, too_much
-from flinders.core.samples import BLOCK
+from flinders.core.files import is_bomb, size_error
+from flinders.core.samples import BLOCK_ROWS
 from flinders.errors import NoMagnetometer, UnreadableInput
-from flinders.foreign_errors import needs, reading
+from flinders.foreign_errors import import_optional, parser_errors
 from flinders.readers._instruments import names_magnetometer
 from flinders.readers._reader import Reader
-from flinders.readers._table import WIDEST, Table, TableRecording, named_part, open_table
-from flinders.readers._tokenizer import MOST_NAMED, shown
+from flinders.readers._table import MAX_COLUMNS, Table, TableRecording, named_part, open_table
+from flinders.readers._tokenizer import MAX_NAMES, shorten
 from flinders.readers.matlab import unread_objects
 
 if TYPE_CHECKING:
@@ -96,9 +96,9 @@ def open_hdf5(file: File, **options: Any) -> TableRecording:
     with file.path.open("rb") as stream:
         is_matlab = stream.read(len(MATLAB_7_3)) == MATLAB_7_3
     kind = "a MATLAB 7.3 file" if is_matlab else "an HDF5 file"
-    h5py = needs("h5py", "hdf5", kind)
+    h5py = import_optional("h5py", "hdf5", kind)
     with ExitStack() as closing:
-        with reading(file.name, kind):
+        with parser_errors(file.name, kind):
             opened = closing.enter_context(h5py.File(file.path, "r", driver="sec2", locking=False))
             catalogue = _Catalogue(h5py, opened, file, is_matlab)
             catalogue.collect(opened.id, ())
@@ -178,7 +178,7 @@ class _Catalogue:
         kind = dataset.get_type().get_class()
         h5t = self.h5py.h5t
         if self.is_matlab and self.h5py.h5a.exists(dataset, b"MATLAB_object_decode"):
-            self.objects.append((shown(_name_of(path)), shown(self._text(dataset, b"MATLAB_class"))))
+            self.objects.append((shorten(_name_of(path)), shorten(self._text(dataset, b"MATLAB_class"))))
             return
         if kind not in {h5t.INTEGER, h5t.FLOAT, h5t.ENUM, h5t.COMPOUND} or not self._is_numbers_of_matlab(dataset):
             return
@@ -224,7 +224,7 @@ class _Catalogue:
         if not dtype.names:
             unit = self._unit(dataset)
             length, width, axis = _layout_of(shape, is_reversed=self.is_matlab)
-            if dtype.kind in "iufb" and width <= WIDEST:
+            if dtype.kind in "iufb" and width <= MAX_COLUMNS:
                 yield _Array(where, f"{own} ({unit})" if unit else own, (), length, width, axis)
         elif 1 in shape or len(shape) == 1:
             for fields, width in _numbers_in(dtype):
@@ -259,7 +259,7 @@ class _Catalogue:
         """
         if self._has_sound_heaps:
             return
-        with self.file.mapped() as content:
+        with self.file.mapped_bytes() as content:
             is_sound = self.opened.id.get_create_plist().get_sizes() == (8, 8)
             is_sound &= all(_is_sound_heap(content, place) for place in _positions_of(HEAP, content))
             is_sound &= all(
@@ -272,7 +272,7 @@ class _Catalogue:
         self._has_sound_heaps = True
 
     def _leave_out(self, path: tuple[bytes, ...], reason: str) -> None:
-        self.left_out.append(f"{shown(_name_of(path))} ({reason})")
+        self.left_out.append(f"{shorten(_name_of(path))} ({reason})")
 
     def dataset(self, path: bytes) -> Any:  # noqa: ANN401
         """Open a dataset; the first time, raise an error if a chunk unpacks to more than its stated size."""
@@ -290,7 +290,7 @@ class _Catalogue:
         large: list[Any] = []
 
         def note(chunk: Any) -> None:  # noqa: ANN401 - called for each chunk; any other result would end the iteration
-            if chunk.size > 2 * unpacked + BLOCK or (
+            if chunk.size > 2 * unpacked + BLOCK_ROWS or (
                 DEFLATE in numbers and chunk.size * MAX_DEFLATE_RATIO > MAX_UNCHECKED_BYTES
             ):
                 large.append(chunk)
@@ -299,37 +299,37 @@ class _Catalogue:
         for chunk in large:
             is_deflated = DEFLATE in numbers and not chunk.filter_mask >> numbers.index(DEFLATE) & 1
             _, packed = dataset.read_direct_chunk(chunk.chunk_offset) if is_deflated else (0, b"")
-            made = len(zlib.decompressobj().decompress(packed, unpacked + BLOCK)) if is_deflated else chunk.size
-            if made >= unpacked + BLOCK:
-                raise too_much(f"{shown(path.decode('utf-8', 'replace'))} in {self.file.name}", made, chunk.size)
+            made = len(zlib.decompressobj().decompress(packed, unpacked + BLOCK_ROWS)) if is_deflated else chunk.size
+            if made >= unpacked + BLOCK_ROWS:
+                raise size_error(f"{shorten(path.decode('utf-8', 'replace'))} in {self.file.name}", made, chunk.size)
 
 
 def _table_of(catalogue: _Catalogue, kind: str) -> tuple[Table, list[str]]:
     """Combine the columns of one length to a table, and list the magnetometers and datasets that are left out."""
     arrays = catalogue.arrays
     if not arrays:
-        reasons = f": {', '.join(catalogue.left_out[:MOST_NAMED])}" if catalogue.left_out else ""
+        reasons = f": {', '.join(catalogue.left_out[:MAX_NAMES])}" if catalogue.left_out else ""
         raise NoMagnetometer(
             f"{catalogue.file.name} contains no readable columns of numbers{reasons}; need a dataset of N "
             "readings by 3, or datasets of equal length by name"
         )
     length = _length_of(arrays)
     chosen = _without_common_group(_magnetometer_first([array for array in arrays if array.length == length]))
-    columns = [(array, place) for array in chosen for place in range(array.width)][:WIDEST]
+    columns = [(array, place) for array in chosen for place in range(array.width)][:MAX_COLUMNS]
     names = tuple(named_part(array.name, place, array.width) for array, place in columns)
 
     def rows(cells: Sequence[int]) -> Iterator[Floats]:
         wanted = [columns[cell] for cell in cells]
-        with reading(catalogue.file.name, kind):
+        with parser_errors(catalogue.file.name, kind):
             datasets = {array: catalogue.dataset(array.path) for array, _ in wanted}
-            step = max(BLOCK, *(one.chunks[array.axis] if one.chunks else 0 for array, one in datasets.items()))
+            step = max(BLOCK_ROWS, *(one.chunks[array.axis] if one.chunks else 0 for array, one in datasets.items()))
             for start in range(0, length, step):
                 span = slice(start, min(start + step, length))
                 blocks = {array: _block(one, array, span) for array, one in datasets.items()}
                 yield np.stack([blocks[array][:, place] for array, place in wanted], axis=1)
 
     others = [
-        f"{shown(array.name)} ({array.length:,} readings instead of {length:,}: give it alone)"
+        f"{shorten(array.name)} ({array.length:,} readings instead of {length:,}: give it alone)"
         for array in arrays
         if array.length != length and names_magnetometer(_names_of(array))
     ]
@@ -417,7 +417,7 @@ def _numbers_in(dtype: np.dtype[Any], fields: tuple[str, ...] = ()) -> Iterator[
         if inner.names:
             if not inner.hasobject and len(fields) < MAX_DEPTH:
                 yield from _numbers_in(inner, (*fields, name))
-        elif base.kind in "iufb" and len(shape) <= 1 and math.prod(shape) <= WIDEST:
+        elif base.kind in "iufb" and len(shape) <= 1 and math.prod(shape) <= MAX_COLUMNS:
             yield (*fields, name), math.prod(shape)
 
 

@@ -29,12 +29,12 @@ from typing import IO, TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.core.files import metered
+from flinders.core.files import limit_size
 from flinders.errors import NoMagnetometer
 from flinders.readers._reader import Reader
-from flinders.readers._source import CHUNK, MOST_MEMBER, spooled
+from flinders.readers._source import CHUNK_BYTES, MAX_MEMBER_BYTES, spool
 from flinders.readers._table import Table, TableRecording, open_table
-from flinders.readers._tokenizer import MOST_NAMED, shown
+from flinders.readers._tokenizer import MAX_NAMES, shorten
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -66,11 +66,11 @@ def open_mat(file: File, **options: Any) -> TableRecording:
     """Open the variables of a MATLAB file, and the fields of its structures; options are those of `open_table`.
 
     They are unpacked to a temporary file, and mapped from there. A file that is broken, or unpacks to more than
-    `MOST_MEMBER` bytes, raises `UnreadableInput`; unclear columns raise `NoMagnetometer`.
+    `MAX_MEMBER_BYTES` bytes, raises `UnreadableInput`; unclear columns raise `NoMagnetometer`.
     """
     with file.path.open("rb") as stream:
-        chunks = metered(file.name, inflated(stream), lambda: file.size, most=MOST_MEMBER, ratio=False)
-        unpacked = spooled(file.name, chunks)
+        chunks = limit_size(file.name, inflate(stream), lambda: file.size, most=MAX_MEMBER_BYTES, ratio=False)
+        unpacked = spool(file.name, chunks)
         order = _order(stream)
     content = memoryview(np.memmap(unpacked.path, np.uint8, "r"))  # type: ignore[arg-type]
     matrices = [element for kind, element in _elements(content, order) if kind == MATRIX]
@@ -96,7 +96,7 @@ def _order(stream: IO[bytes]) -> str:
     return ">" if stream.read(2) == b"MI" else "<"
 
 
-def inflated(stream: IO[bytes]) -> Iterator[bytes]:
+def inflate(stream: IO[bytes]) -> Iterator[bytes]:
     """Yield the elements of a file without compression."""
     order = _order(stream)
     while tag := stream.read(8):
@@ -105,7 +105,7 @@ def inflated(stream: IO[bytes]) -> Iterator[bytes]:
             yield tag
         unpacker = zlib.decompressobj()
         while length:
-            piece = stream.read(min(CHUNK, length))
+            piece = stream.read(min(CHUNK_BYTES, length))
             if not piece:
                 raise ValueError("an element goes on beyond the end of the file")
             length -= len(piece)
@@ -115,9 +115,9 @@ def inflated(stream: IO[bytes]) -> Iterator[bytes]:
 
 
 def _inflate_piece(unpacker: Any, packed: bytes) -> Iterator[bytes]:  # noqa: ANN401 - zlib does not name its type
-    """Unpack a piece, `CHUNK` bytes at a time."""
+    """Unpack a piece, `CHUNK_BYTES` bytes at a time."""
     while packed and not unpacker.eof:
-        yield unpacker.decompress(packed, CHUNK)
+        yield unpacker.decompress(packed, CHUNK_BYTES)
         packed = unpacker.unconsumed_tail
 
 
@@ -160,7 +160,7 @@ def _object(matrix: memoryview, order: str) -> tuple[str, str] | None:
         return None
     name, own = (parts[0], parts[2]) if kind == OPAQUE else (parts[1], parts[2])
     called, of_class = (bytes(content).decode("latin-1") for _, content in (name, own))
-    return (shown(called), shown(of_class)) if called else None
+    return (shorten(called), shorten(of_class)) if called else None
 
 
 def unread_objects(source: str, objects: Sequence[tuple[str, str]]) -> NoMagnetometer:
@@ -174,7 +174,7 @@ def unread_objects(source: str, objects: Sequence[tuple[str, str]]) -> NoMagneto
     parts = f"t = {first}.Time; xyz = {first}.Data"
     if of_class in ("timetable", "table"):
         parts = f"t = seconds({first}.Time - {first}.Time(1)); xyz = {first}.Variables"
-    listed = ", ".join(f"{name}: {kind}" for name, kind in objects[:MOST_NAMED])
+    listed = ", ".join(f"{name}: {kind}" for name, kind in objects[:MAX_NAMES])
     return NoMagnetometer(
         f"{source} holds its readings as objects of MATLAB ({listed}), which only MATLAB reads: save numbers, with "
         f"{parts}; save('numbers.mat', 't', 'xyz')"

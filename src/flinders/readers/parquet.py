@@ -29,13 +29,13 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias, cast
 import numpy as np
 
 from flinders.core.files import refuse_bomb
-from flinders.core.samples import BLOCK
+from flinders.core.samples import BLOCK_ROWS
 from flinders.errors import UnreadableInput
-from flinders.foreign_errors import needs, reading
-from flinders.readers._devices import tells_rows_apart
+from flinders.foreign_errors import import_optional, parser_errors
+from flinders.readers._devices import may_distinguish_rows
 from flinders.readers._names import TIME, meaning
 from flinders.readers._reader import Reader
-from flinders.readers._table import WIDEST, Labels, Table, TableRecording, open_table
+from flinders.readers._table import MAX_COLUMNS, Labels, Table, TableRecording, open_table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -65,14 +65,14 @@ def open_parquet(file: File, **options: Any) -> TableRecording:
     Without pyarrow it raises `MissingExtra`; a file that is broken, cut short or implausibly compressed raises
     `UnreadableInput`; unclear columns raise `NoMagnetometer`.
     """
-    parquet = needs("pyarrow.parquet", "parquet", "a Parquet table")
+    parquet = import_optional("pyarrow.parquet", "parquet", "a Parquet table")
 
     def open_table_file() -> Any:  # noqa: ANN401 - pyarrow ships no types
         return parquet.ParquetFile(file.path, memory_map=True, page_checksum_verification=True)
 
     def batches(names: list[str]) -> Iterator[Any]:
-        is_long = metadata.num_rows > BLOCK  # threads slow a short table down by a quarter
-        yield from open_table_file().iter_batches(BLOCK, columns=names, use_threads=is_long)
+        is_long = metadata.num_rows > BLOCK_ROWS  # threads slow a short table down by a quarter
+        yield from open_table_file().iter_batches(BLOCK_ROWS, columns=names, use_threads=is_long)
 
     whole = open_table_file()
     metadata, schema = whole.metadata, whole.schema_arrow
@@ -82,7 +82,7 @@ def open_parquet(file: File, **options: Any) -> TableRecording:
 
 def open_arrow(file: File, **options: Any) -> TableRecording:
     """Open an Arrow file, or Feather of version 2; parameters and errors as `open_parquet`."""
-    ipc, arrow = (needs(f"pyarrow{part}", "parquet", "an Arrow file") for part in (".ipc", ""))
+    ipc, arrow = (import_optional(f"pyarrow{part}", "parquet", "an Arrow file") for part in (".ipc", ""))
     source = arrow.memory_map(str(file.path))
     length = sum(rows_of_batches(source, file.name, file.size))
 
@@ -91,7 +91,7 @@ def open_arrow(file: File, **options: Any) -> TableRecording:
         for batch in ipc.open_stream(source):
             chosen = batch.select(names)
             chosen.validate(full=True)
-            yield from (chosen.slice(start, BLOCK) for start in range(0, chosen.num_rows, BLOCK))
+            yield from (chosen.slice(start, BLOCK_ROWS) for start in range(0, chosen.num_rows, BLOCK_ROWS))
 
     schema = ipc.open_file(source).schema  # raises an error for a file without an end
     return open_table(file, table_of("Arrow", schema, length, batches, file.name), **options)
@@ -123,7 +123,7 @@ def rows_of_batches(source: Any, name: str, size: int) -> list[int]:  # noqa: AN
     """
     source.seek(len(ARROW))
     rows, total = [], 0
-    for message in needs("pyarrow.ipc", "parquet", "an Arrow file").MessageReader.open_stream(source):
+    for message in import_optional("pyarrow.ipc", "parquet", "an Arrow file").MessageReader.open_stream(source):
         if message.type not in ("record batch", "dictionary"):
             continue
         batch = _Flat(message.metadata.to_pybytes()).table(2)
@@ -192,7 +192,7 @@ def table_of(
     def rows(cells: Sequence[int]) -> Iterator[Floats]:
         wanted = [places[cell] for cell in cells]
         for batch in batches(sorted({column for column, _, _ in wanted})):
-            with reading(source, f"a table of {kind}"):
+            with parser_errors(source, f"a table of {kind}"):
                 columns = [
                     labels[cell].numbers(batch.column(column).to_pylist())
                     if cell in labels
@@ -217,7 +217,7 @@ def _words_in(schema: Any) -> list[str]:  # noqa: ANN401
 def _is_of_words(field: Any, name: str) -> bool:  # noqa: ANN401
     """Whether a field holds words that may distinguish devices or sensors."""
     text = str(field.type)
-    return (text in TEXTS or text.startswith("dictionary")) and tells_rows_apart(name)
+    return (text in TEXTS or text.startswith("dictionary")) and may_distinguish_rows(name)
 
 
 def places_of(schema: Any) -> list[tuple[str, int | None, str]]:  # noqa: ANN401
@@ -227,7 +227,7 @@ def places_of(schema: Any) -> list[tuple[str, int | None, str]]:  # noqa: ANN401
         for field in schema
         for part, name in _parts(field)
         if schema.get_field_index(field.name) >= 0  # duplicate names cannot be selected
-    ][:WIDEST]
+    ][:MAX_COLUMNS]
 
 
 def _parts(field: Any) -> list[tuple[int | None, str]]:  # noqa: ANN401
@@ -262,7 +262,10 @@ def _dates(column: Any) -> Any:  # noqa: ANN401
     >>> _dates(pyarrow.array([*texts, "1970-02-30T00:00:00Z"])).cast("int64").to_pylist()
     [1500000000, 2000000000, 3000000000, None, None]
     """
-    arrow, compute = needs("pyarrow", "parquet", "a table"), needs("pyarrow.compute", "parquet", "a table")
+    arrow, compute = (
+        import_optional("pyarrow", "parquet", "a table"),
+        import_optional("pyarrow.compute", "parquet", "a table"),
+    )
     kind = arrow.timestamp("ns", "UTC")
     texts = compute.utf8_trim_whitespace(column.cast("string"))
     texts = compute.if_else(compute.match_substring_regex(texts, ISO), texts, None)
@@ -286,7 +289,7 @@ def _is_day(text: str) -> bool:
 
 
 def _indices_of_part(part: int, length: int) -> Any:  # noqa: ANN401
-    arrow = needs("pyarrow", "parquet", "a table")
+    arrow = import_optional("pyarrow", "parquet", "a table")
     return arrow.array(np.arange(part, 3 * length, 3))
 
 

@@ -22,28 +22,28 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from flinders.core.axes import Axes
-from flinders.core.samples import BLOCK, Skipped, added
-from flinders.core.silence import silent
+from flinders.core.samples import BLOCK_ROWS, Skipped, merge_skipped
+from flinders.core.silence import find_silent
 from flinders.core.time_span import TimeSpan
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import UnreadableInput
-from flinders.readers._asked_columns import wanted_acceleration, wanted_strength
+from flinders.readers._asked_columns import with_acceleration, with_strength
 from flinders.readers._auxiliary import places_in
-from flinders.readers._cells import COMMENTS, number, split
-from flinders.readers._choice import FIRST, Choice
+from flinders.readers._cells import COMMENTS, parse_number, split
+from flinders.readers._choice import FIRST_SENSOR, Choice
 from flinders.readers._clock import Midnights
 from flinders.readers._columns import ColumnsRecording, unit_of
 from flinders.readers._foreign_files import foreign_kind, refuse_foreign
-from flinders.readers._grid import BLOCKS_AT_ONCE, LEAST_FOR_ARROW, NumberRows, parser_of, rows_of
-from flinders.readers._layout import TextLayout, sniff
+from flinders.readers._grid import BLOCKS_AT_ONCE, MIN_BYTES_FOR_ARROW, NumberRows, parser_of, rows_of
+from flinders.readers._layout import TextLayout, recognise_table
 from flinders.readers._line_shapes import LineShapes
-from flinders.readers._lines import ENDS_EARLY, Lines, encoding_of
+from flinders.readers._lines import GZIP_CUT_MARK, Lines, encoding_of
 from flinders.readers._names import AUXILIARY, CURRENT, CURRENTS, TEMPERATURE, THROTTLE, THROTTLES, TIME
 from flinders.readers._reader import Reader
 from flinders.readers._recognition import recognise_layout, split_records
 from flinders.readers._rewrite import Rewriter
-from flinders.readers._source import File, Progress, derived, sound
-from flinders.readers._tally import OTHER, Tally, accounted, besides
+from flinders.readers._source import File, Progress, derive_source, raise_own_errors
+from flinders.readers._tally import OTHER, Tally, account_for_lines, account_for_rows
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -98,8 +98,8 @@ class TextRecording(ColumnsRecording):
     def with_columns(self, columns: Columns, unit: str | None, scale: float | None) -> TextRecording:
         """The recording of these columns, in the unit of their names or of the user."""
         own = unit_of(columns, self.source, unit, scale)
-        grid = replace(self.layout.grid, cells=columns.cells, needed=columns.needed, clock=columns.clock)
-        layout = replace(self.layout, columns=columns.in_given(unit, scale).with_strength_in(own), grid=grid)
+        grid = replace(self.layout.grid, cells=columns.cells, needed=columns.needed_cells, clock=columns.clock)
+        layout = replace(self.layout, columns=columns.with_given_unit(unit, scale).with_strength_in(own), grid=grid)
         frame = "vehicle" if layout.is_blackbox else self.frame
         return replace(self, layout=layout, unit=own, frame=frame)
 
@@ -112,19 +112,19 @@ class TextRecording(ColumnsRecording):
         for _, samples in self.numbered_blocks():
             yield samples
 
-    @sound
+    @raise_own_errors
     def numbered_blocks(self) -> Iterator[tuple[Floats, Samples]]:
         """Yield the blocks of `blocks`, each with the (N,) line numbers of its readings."""
         pending: tuple[Skipped, ...] = ()
         clock = self.span.clock(self.source)
         for block in self._read_once(self.layout.columns):
-            pending = added(pending, block.left_out)
+            pending = merge_skipped(pending, block.left_out)
             for lines, samples in self._samples(block):
-                within = clock.within(samples)
+                within = clock.is_within(samples)
                 if within.any():
-                    yield lines[within], replace(clock.selected(samples, within), skipped=pending)
+                    yield lines[within], replace(clock.select(samples, within), skipped=pending)
                     pending = ()
-        clock.judge()
+        clock.refuse_empty()
 
     def hold(self) -> None:
         """Read a short recording into memory for later passes; raises as `blocks`."""
@@ -135,13 +135,13 @@ class TextRecording(ColumnsRecording):
     def name_acceleration(self, columns: str) -> None:
         """Select the accelerometer's columns; UsageError if they are missing or are the magnetometer's."""
         layout = self.layout
-        known = wanted_acceleration(columns, layout.header, layout.columns, layout.grid.width)
+        known = with_acceleration(columns, layout.header, layout.columns, layout.grid.width)
         self.layout = replace(layout, columns=known)
 
     def name_strength(self, column: str) -> None:
         """Select the column of the field strength of a scalar magnetometer; UsageError as `name_acceleration`."""
         layout = self.layout
-        known = wanted_strength(column, layout.header, layout.columns, layout.grid.width)
+        known = with_strength(column, layout.header, layout.columns, layout.grid.width)
         self.layout = replace(layout, columns=known.with_strength_in(self.unit))
 
     def with_auxiliary(self, names: Sequence[str], *, are_needed: bool = True) -> TextRecording:
@@ -168,7 +168,7 @@ class TextRecording(ColumnsRecording):
         rows = [split(text, self.layout.grid.delimiter) for text in texts]
         cells = {place: [row[place] for row in rows if place < len(row)] for place in places}
         decimal = self.layout.grid.decimal
-        return {place: any(number(cell, decimal) is None for cell in each) for place, each in cells.items()}
+        return {place: any(parse_number(cell, decimal) is None for cell in each) for place, each in cells.items()}
 
     def _words_of(self, block: _Block, rows: NDArray[np.intp]) -> dict[str, NDArray[np.str_]]:
         """(N,) words of the requested columns at rows of a block."""
@@ -208,9 +208,9 @@ class TextRecording(ColumnsRecording):
             Pass `Samples` to `correct` instead of the readings: with time, temperature, current and throttle.
         """
         rewriter = Rewriter(self.layout, add=add)
-        yield list(rewriter.opening())
+        yield list(rewriter.header_lines())
         kinds = (TIME, CURRENT, THROTTLE, TEMPERATURE, CURRENTS, THROTTLES, AUXILIARY) if with_disturbances else ()
-        columns = self.layout.columns.only(*kinds)
+        columns = self.layout.columns.with_only(*kinds)
         for block in self._read_once(columns):  # a reading without time is corrected too
             lines, rows, usable, _ = block
             corrected = np.full((len(usable), 3), np.nan)
@@ -225,24 +225,24 @@ class TextRecording(ColumnsRecording):
         """Description of the format."""
         return str(self.layout)
 
-    @sound
+    @raise_own_errors
     def _read_once(self, columns: Columns) -> Iterator[_Block]:
         """Read these columns of the file once, account for skipped lines, and check the total at the end."""
         tally, shapes = Tally(), LineShapes()
         others: tuple[Skipped, ...] = ()
         self.skipped = ()
-        grid = replace(self.layout.grid, cells=columns.cells, needed=columns.needed, clock=columns.clock)
+        grid = replace(self.layout.grid, cells=columns.cells, needed=columns.needed_cells, clock=columns.clock)
         for lines, read, usable in self._read(grid, columns):
-            rows, left_out = accounted(lines, read, usable, columns, shapes, self.layout.is_of_others)
+            rows, left_out = account_for_rows(lines, read, usable, columns, shapes, self.layout.is_spare)
             if self.transcription:
                 left_out += self.transcription.others(others)
                 others = self.transcription.others()
             tally.add(rows, usable)
-            self.skipped = added(self.skipped, left_out)
+            self.skipped = merge_skipped(self.skipped, left_out)
             if self.progress:
                 self.progress(lines.done, self.file.size)
             yield _Block(lines, rows, usable, left_out)
-        tally.judge(self.source, self.skipped)
+        tally.refuse_mostly_unreadable(self.source, self.skipped)
 
     def _read(self, grid: Grid, columns: Columns) -> Iterator[tuple[Lines, NumberRows, NDArray[np.bool_]]]:
         """Read blocks of lines; several at once if pyarrow can parse all of their lines and all are usable."""
@@ -251,15 +251,15 @@ class TextRecording(ColumnsRecording):
             return
         file, encoding, midnights = self.file, self.layout.encoding, Midnights(grid.clock)
         parse, segments = None, file.lines(encoding)
-        if isinstance(file, File) and file.size >= LEAST_FOR_ARROW and (parse := parser_of(grid)):
+        if isinstance(file, File) and file.size >= MIN_BYTES_FOR_ARROW and (parse := parser_of(grid)):
             segments = file.lines(encoding, blocks=BLOCKS_AT_ONCE)
         for segment in segments:
             if (whole := self._parse_block(segment, parse)) and (usable := self._usable(whole, columns)).all():
-                yield segment, whole.past(midnights, grid), usable
+                yield segment, whole.with_unwrapped_times(midnights, grid), usable
                 continue
             for lines in segment.blocks():
                 rows = self._parse_block(lines, parse) or self._rows(lines, grid)
-                yield lines, rows.past(midnights, grid), self._usable(rows, columns)
+                yield lines, rows.with_unwrapped_times(midnights, grid), self._usable(rows, columns)
 
     def _parse_block(self, lines: Lines, parse: Parse | None) -> NumberRows | None:
         """Parse a block with pyarrow, if it is in use and the block contains only readings."""
@@ -291,14 +291,14 @@ class TextRecording(ColumnsRecording):
         with np.errstate(over="ignore", invalid="ignore"):
             read = columns.readings(rows.values.T)
             usable = np.isfinite(read * self.unit.scale).all(axis=1)
-        return np.asarray(usable & ~silent(read), dtype=np.bool_)
+        return np.asarray(usable & ~find_silent(read), dtype=np.bool_)
 
     def _samples(self, block: _Block) -> Iterator[tuple[Floats, Samples]]:
-        """Make samples of the usable rows, with their line numbers, `BLOCK` at a time."""
+        """Make samples of the usable rows, with their line numbers, `BLOCK_ROWS` at a time."""
         values = block.rows.values if block.usable.all() else block.rows.values[block.usable]
         lines, places = block.rows.numbers[block.usable], np.flatnonzero(block.usable)
-        for start in range(0, len(lines), BLOCK):
-            rows = slice(start, start + BLOCK)
+        for start in range(0, len(lines), BLOCK_ROWS):
+            rows = slice(start, start + BLOCK_ROWS)
             words = self._words_of(block, places[rows])
             yield lines[rows], self._samples_of(self.layout.columns, values[rows], words)
 
@@ -314,7 +314,7 @@ class Transcription:
     def __init__(self, source: Source, dialect: Dialect, encoding: str) -> None:
         self._dialect, self._encoding, self.frame = dialect, encoding, dialect.frame
         self._others: tuple[Skipped, ...] = ()
-        self.table = derived(source, self._rows(source))
+        self.table = derive_source(source, self._rows(source))
 
     def others(self, before: Sequence[Skipped] = ()) -> tuple[Skipped, ...]:
         """Account for lines that do not belong to the dialect, minus those in `before`."""
@@ -335,10 +335,10 @@ class Transcription:
             rows = list[str]()
             for place, text in enumerate(texts):
                 cells = row(text)
-                rows.append(",".join(cells or ()) if text != ENDS_EARLY else text)
-                if cells is None and text.strip() and text != ENDS_EARLY:
+                rows.append(",".join(cells or ()) if text != GZIP_CUT_MARK else text)
+                if cells is None and text.strip() and text != GZIP_CUT_MARK:
                     others.append(lines.first + place)
-            self._others = added(self._others, besides(lines, others, shapes, OTHER))
+            self._others = merge_skipped(self._others, account_for_lines(lines, others, shapes, OTHER))
             yield "\n".join([*rows, ""]).encode()
 
 
@@ -366,7 +366,7 @@ def open_text(
     scale: float | None = None,
     axes: str | Axes = "x,y,z",
     flat: str | None = None,
-    choice: Choice = FIRST,
+    choice: Choice = FIRST_SENSOR,
     pattern: str | None = None,
     progress: Progress | None = None,
 ) -> TextRecording:
@@ -374,7 +374,7 @@ def open_text(
     axes = axes if isinstance(axes, Axes) else Axes.of(axes)
     head = file.head()
     refuse_foreign(file.name, head)
-    sniffed = partial(sniff, file.name, columns=columns, flat=flat, choice=choice)
+    sniffed = partial(recognise_table, file.name, columns=columns, flat=flat, choice=choice)
     laid_out = _lay_out(file, head, sniffed, pattern, flat)
     table, layout, transcription = laid_out.table, laid_out.layout, laid_out.transcription
     frame = transcription.frame if transcription else "sensor"

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flinders.errors import counted, figures
+from flinders.errors import count_text, figures
 from flinders.report.terminal import lines, notes, page, verdict
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ UNITS = {"m/s2": "m/s²"}
 def of_accelerometer(fit: AccelerometerFit) -> RenderableType:
     """Lay out the numbers, the claim, and its limits."""
     error, triad = fit.tilt_error, fit.inertial.accelerometer
-    what = counted(fit.poses, "still pose" if fit.is_still else "reading")
+    what = count_text(fit.poses, "still pose" if fit.is_still else "reading")
     claim = (
         f"vertical accurate to {figures(error.rms)}° (1 σ, all attitudes; 95 % within {figures(error.bound_95)}°)",
         (

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     Ticks = Sequence[tuple[float, str]]
     """Positions on an axis, each with its label."""
 
-MOST_DOTS: Final = 3_000
+MAX_DOTS: Final = 3_000
 """Largest number of dots of one kind in a plot; more would merge, and enlarge the file."""
 MAX_CROSSES: Final = 500
 COMPASS_POINTS: Final = ("N", "NE", "E", "SE", "S", "SW", "W", "NW", "N")
@@ -125,13 +125,13 @@ class Plot:
         there, back = self.places(x, high), self.places(x, low)[::-1]
         return shape(kind, np.concatenate([there, back]), is_closed=True)
 
-    def dots(self, kind: str, x: ArrayLike, y: ArrayLike, *, most: int = MOST_DOTS) -> str:
+    def dots(self, kind: str, x: ArrayLike, y: ArrayLike, *, most: int = MAX_DOTS) -> str:
         """Dots inside the rectangle, thinned to every k-th."""
-        return dots(kind, thinned(self.inside(x, y), most))
+        return dots(kind, thin_out(self.inside(x, y), most))
 
     def crosses(self, x: ArrayLike, y: ArrayLike) -> str:
         """Crosses inside the rectangle, thinned to every k-th."""
-        places = thinned(self.inside(x, y), MAX_CROSSES).tolist()
+        places = thin_out(self.inside(x, y), MAX_CROSSES).tolist()
         marks = "".join(f"M{x - 3:.1f} {y - 3:.1f}l6 6m0-6l-6 6" for x, y in places)
         return f'<path class="reject" d="{marks}"/>' if marks else ""
 
@@ -185,7 +185,7 @@ class Plot:
 
     def clipped(self, name: str, *parts: str) -> str:
         """Shapes clipped at the edge of the rectangle."""
-        return clipped(name, self.outline(""), *parts)
+        return clip_shapes(name, self.outline(""), *parts)
 
 
 class Canvas(Protocol):
@@ -193,7 +193,7 @@ class Canvas(Protocol):
 
     def line(self, kind: str, x: ArrayLike, y: ArrayLike, *, is_closed: bool = False) -> str: ...  # noqa: D102
     def area(self, kind: str, x: ArrayLike, low: ArrayLike, high: ArrayLike) -> str: ...  # noqa: D102
-    def dots(self, kind: str, x: ArrayLike, y: ArrayLike, *, most: int = MOST_DOTS) -> str: ...  # noqa: D102
+    def dots(self, kind: str, x: ArrayLike, y: ArrayLike, *, most: int = MAX_DOTS) -> str: ...  # noqa: D102
     def crosses(self, x: ArrayLike, y: ArrayLike) -> str: ...  # noqa: D102
     def tiles(self, kind: str, rings: Sequence[Floats]) -> str: ...  # noqa: D102
     def arm(self, x: float, y: float) -> str: ...  # noqa: D102
@@ -238,7 +238,7 @@ class Panel:
         )
 
 
-def stacked(title: str, panels: Sequence[Panel], *, wide: float, high: float, left: float = 58.0) -> str:
+def stack_panels(title: str, panels: Sequence[Panel], *, wide: float, high: float, left: float = 58.0) -> str:
     """A chart of panels below each other with a common horizontal axis, each `high` high."""
     top, parts = 10.0, []
     for panel in panels:
@@ -261,7 +261,7 @@ def compass_ticks() -> list[tuple[float, str]]:
 
 def round_ticks(axis: Axis, most: int, unit: str = "") -> list[tuple[float, str]]:
     """Round numbers of an axis, about `most` of them or fewer."""
-    return labelled(ticks(axis.low, axis.high, most), unit=unit)
+    return label_numbers(ticks(axis.low, axis.high, most), unit=unit)
 
 
 MIN_WIDTH: Final = 1e-11
@@ -302,10 +302,10 @@ def nearest_round(value: float) -> float:
     return min((step * decade for step in (1.0, 2.0, 5.0, 10.0)), key=lambda step: abs(math.log(step / value)))
 
 
-def labelled(values: Sequence[float], unit: str = "") -> list[tuple[float, str]]:
+def label_numbers(values: Sequence[float], unit: str = "") -> list[tuple[float, str]]:
     """Numbers with as many decimals as they need to differ; thousands are separated from 10,000 on.
 
-    >>> labelled([-0.5, 0.0, 0.5])
+    >>> label_numbers([-0.5, 0.0, 0.5])
     [(-0.5, '−0.5'), (0.0, '0.0'), (0.5, '0.5')]
     """
     step = abs(values[1] - values[0]) if len(values) > 1 else abs(values[0]) or 1.0
@@ -368,13 +368,13 @@ def dots(kind: str, places: Floats) -> str:
     return f'<path class="dots {kind}" transform="scale(.5)" d="{dot_path(places)}"/>' if len(places) else ""
 
 
-def thinned(rows: Floats, most: int) -> Floats:
+def thin_out(rows: Floats, most: int) -> Floats:
     """Every k-th row, so that at most `most` are left."""
     few: Floats = rows[:: max(1, -(-len(rows) // most))]
     return few
 
 
-def clipped(name: str, outline: str, *parts: str) -> str:
+def clip_shapes(name: str, outline: str, *parts: str) -> str:
     """Shapes clipped at an outline; the name must be unique in a page."""
     return f'<clipPath id="{name}">{outline}</clipPath><g clip-path="url(#{name})">{"".join(parts)}</g>'
 
@@ -394,7 +394,7 @@ def chart(width: float, height: float, title: str, *parts: str, more: str = "") 
     )
 
 
-def beside(
+def row_of_charts(
     title: str,
     charts: Sequence[tuple[str, float, float]],
     *parts: str,

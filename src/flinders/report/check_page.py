@@ -5,38 +5,38 @@ from __future__ import annotations
 from datetime import timedelta
 from typing import TYPE_CHECKING
 
-from flinders.core.durations import duration
-from flinders.errors import in_python
-from flinders.report.comparison_pages import of_comparison, of_untold
+from flinders.core.durations import duration_text
+from flinders.errors import python_arguments
+from flinders.report.comparison_pages import page_of_comparison, page_of_partial_check
 from flinders.report.formatting import date_of, degrees
 from flinders.report.terminal import facts, page, verdict
-from flinders.workflows.onboard import NAME
+from flinders.workflows.onboard import ONBOARD_NAME
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from flinders.errors import Spelling
-    from flinders.workflows.aging import Aged
+    from flinders.workflows.aging import AgedCalibration
     from flinders.workflows.checking import Check
 
 
-def of_check(checked: Check, spell: Spelling = in_python) -> RenderableType:
+def page_of_check(checked: Check, spell: Spelling = python_arguments) -> RenderableType:
     """Lay out a check: the comparison, or for a recording without a usable fit its partial evidence."""
     if checked.comparison is None or checked.fresh_strength is None:
-        return of_untold(checked.known, checked.fresh, checked.strength, spell)
+        return page_of_partial_check(checked.known, checked.fresh, checked.strength, spell)
     strengths = checked.strength, checked.fresh_strength
     own, fresh = checked.made_from, checked.fresh
-    name = NAME if checked.known.provenance.name == NAME else "the calibration"
-    return of_comparison(checked.comparison, spell, fresh=fresh, strengths=strengths, own=own, name=name)
+    name = ONBOARD_NAME if checked.known.provenance.name == ONBOARD_NAME else "the calibration"
+    return page_of_comparison(checked.comparison, spell, fresh=fresh, strengths=strengths, own=own, name=name)
 
 
-def of_aged(aged: Aged) -> RenderableType:
+def page_of_aged(aged: AgedCalibration) -> RenderableType:
     """Lay out the ageing of a calibration."""
     until, ends = aged.until, " to ".join(map(degrees, aged.claim_range_deg))
     walk = "by the walk of this unit" if until.by == "history" else "by the usual walk of an offset"
     known = [
         ("made", date_of(aged.since)),
-        ("asked for", f"{date_of(aged.at)}, {duration(aged.seconds)} later"),
+        ("asked for", f"{date_of(aged.at)}, {duration_text(aged.seconds)} later"),
         ("claim", f"{degrees(until.claim_deg)} then, {degrees(aged.claim_deg)} now ({ends})"),
         ("doubled", f"{date_of(until.doubled_date(aged.since))}, {walk}"),
     ]

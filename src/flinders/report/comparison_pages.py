@@ -15,20 +15,20 @@ from rich.console import Group
 from rich.table import Column
 from rich.text import Text
 
-from flinders.comparison.comparison import CHANCE
-from flinders.core.units import label
-from flinders.errors import counted, figures, in_python
+from flinders.comparison.comparison import MAX_P_VALUE
+from flinders.core.units import unit_label
+from flinders.errors import count_text, figures, python_arguments
 from flinders.findings import advice
 from flinders.findings.words import ANY_ANGLE_DEG
 from flinders.report.formatting import (
     angle,
     degrees,
     p_value,
-    said_once,
     shown_findings,
     with_uncertainty,
+    without_repeated_steps,
 )
-from flinders.report.terminal import lines, notes, page, styled, table, verdict
+from flinders.report.terminal import lines, notes, page, style_cells, table, verdict
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from flinders.arrays import Floats
-    from flinders.comparison.comparison import Comparison, Strength
+    from flinders.comparison.comparison import Comparison, LengthSums
     from flinders.comparison.evaluation import Evaluation
     from flinders.comparison.rotation_difference import RotationDifference
     from flinders.errors import Spelling
@@ -70,12 +70,12 @@ EVALUATION_TITLES: Final = {
 WIDTH: Final = 78
 
 
-def of_comparison(
+def page_of_comparison(
     comparison: Comparison,
-    spell: Spelling = in_python,
+    spell: Spelling = python_arguments,
     *,
     fresh: Fit | None = None,
-    strengths: tuple[Strength, Strength] | None = None,
+    strengths: tuple[LengthSums, LengthSums] | None = None,
     own: Sequence[str] = (),
     name: str = "the calibration",
 ) -> RenderableType:
@@ -85,7 +85,9 @@ def of_comparison(
     its strengths under both calibrations; `name` stands for the first one. `own` names recordings that the calibration
     was made from: agreement with these proves nothing.
     """
-    found = () if fresh is None else said_once(each for each in fresh.findings if each.severity == "limits")
+    found = (
+        () if fresh is None else without_repeated_steps(each for each in fresh.findings if each.severity == "limits")
+    )
     limits = [advice(finding, spell) for finding in found]
     is_unchecked = bool(own) and comparison.answer == "holds"
     said = _comparison_verdict(comparison, fresh, limits, is_unchecked=is_unchecked)
@@ -101,9 +103,11 @@ def of_comparison(
     return Group(page(*blocks, said), notes(("limits", limit) for limit in limits))
 
 
-def of_untold(known: Fit, fit: Fit, strength: Strength, spell: Spelling = in_python) -> RenderableType:
+def page_of_partial_check(
+    known: Fit, fit: Fit, strength: LengthSums, spell: Spelling = python_arguments
+) -> RenderableType:
     """Lay out the evidence of a recording without a usable fit about a known calibration, with the reasons."""
-    basis = f"{counted(fit.evidence.samples, 'reading')}; {fit.evidence.method}"
+    basis = f"{count_text(fit.evidence.samples, 'reading')}; {fit.evidence.method}"
     made = known.evidence.noise / known.calibration.ellipsoid.radius
     when_made = "" if math.isnan(made) else f" ({made:.1%} where {known.provenance.name} was made)"
     words = (
@@ -115,7 +119,7 @@ def of_untold(known: Fit, fit: Fit, strength: Strength, spell: Spelling = in_pyt
     return Group(page(verdict(TITLES["cannot-tell"][1], "limited", words, basis)), notes(reasons))
 
 
-def of_evaluation(evaluation: Evaluation) -> RenderableType:
+def page_of_evaluation(evaluation: Evaluation) -> RenderableType:
     """Lay out a calibration against the truth: true errors, claimed errors, their ratio, the verdict."""
     return page(_true_errors(evaluation), _true_parameters(evaluation), _evaluation_verdict(evaluation))
 
@@ -127,13 +131,15 @@ def chance_words(value: float | None) -> str:
     """State whether chance explains a difference."""
     if value is None:
         return "no uncertainty is stated, so chance cannot be assessed"
-    return f"{'no more' if value >= CHANCE else 'more'} than chance explains ({p_value(value)})"
+    return f"{'no more' if value >= MAX_P_VALUE else 'more'} than chance explains ({p_value(value)})"
 
 
 def _differences(comparison: Comparison) -> Table:
     heading, claimed = comparison.heading_difference_deg, comparison.claimed_deg
     mean = f"{round(comparison.heading_mean_deg, 2) + 0.0:.2f}°"
-    rows: list[Sequence[RenderableType]] = [styled("bold", "heading", angle(heading.rms), angle(heading.worst), mean)]
+    rows: list[Sequence[RenderableType]] = [
+        style_cells("bold", "heading", angle(heading.rms), angle(heading.worst), mean)
+    ]
     if claimed is not None:
         rows.append(("  claimed, 1 σ", degrees(claimed.rms), degrees(claimed.worst)))
         rows.append(("  95 % within", "", degrees(comparison.claimed_bound_deg or 0.0)))
@@ -153,12 +159,12 @@ def _offset_cells(offset: Floats, sigma: Floats | None) -> str:
 
 def _parameters(comparison: Comparison) -> Text:
     offset = _offset_cells(comparison.offset_difference, comparison.offset_sigma)
-    unit = f"{label(comparison.unit)}, {_percent(comparison.offset_share)} of the field"
+    unit = f"{unit_label(comparison.unit)}, {_percent(comparison.offset_share)} of the field"
     scale = "" if comparison.is_scale_known else "of sensor and field together"
     return lines([("offset", offset, unit), ("scale", _percent(comparison.scale_difference), scale)])
 
 
-def _strengths(name: str, known: Strength, fresh: Strength) -> Table:
+def _strengths(name: str, known: LengthSums, fresh: LengthSums) -> Table:
     pairs = ((name, known), ("a fresh fit", fresh))
     rows = [(name, figures(one.mean, 4), _percent(one.spread)) for name, one in pairs]
     return table(("corrected with", "strength", "spread"), rows)
@@ -174,7 +180,7 @@ def _comparison_verdict(
         basis += f"; the rotation into the body of {omitted}, known to one alone, is left out"
     if fresh is not None:
         covered = f"{fresh.evidence.coverage.fraction:.0%} of the sphere covered"
-        basis += f"; {counted(fresh.evidence.samples, 'reading')}, {covered}"
+        basis += f"; {count_text(fresh.evidence.samples, 'reading')}, {covered}"
     answer = "cannot-tell" if is_unchecked else comparison.answer
     is_firm = not limits and not comparison.is_turned
     colour = {"holds": "good" if is_firm else "limited", "fails": "refused", "cannot-tell": "limited"}[answer]
@@ -194,7 +200,7 @@ def _square_basis(error: HeadingError, square: float | None, freedom: int) -> st
 def _words(comparison: Comparison, fresh: Fit | None, *, is_limited: bool) -> str:
     """The answer in words: difference, bound, target and chance, then the remedy."""
     target = f"target of {comparison.target_deg:g}°"
-    if comparison.is_nothing:
+    if comparison.is_identical:
         return "the same calibration twice"
     if comparison.is_turned_beyond_target:
         return f"headings of the body differ by more than the {target}:"
@@ -204,11 +210,13 @@ def _words(comparison: Comparison, fresh: Fit | None, *, is_limited: bool) -> st
             f"headings are {up_to(worst_deg)} apart, more than the {target} and {explained}: the sensor or its "
             "surroundings have changed, calibrate again"
         )
-    is_changed = comparison.p_value is not None and comparison.p_value < CHANCE
+    is_changed = comparison.p_value is not None and comparison.p_value < MAX_P_VALUE
     if comparison.answer == "holds":
         changed = ": good enough for that, and a new calibration will be better" if is_changed else ""
         limits = ", with these limits of the recording:" if is_limited else ""
-        bound = "" if comparison.claimed_bound_deg is None else f", with 95 % within {angle(comparison.largest_deg)}"
+        bound = (
+            "" if comparison.claimed_bound_deg is None else f", with 95 % within {angle(comparison.upper_bound_deg)}"
+        )
         within = f"headings within {angle(worst_deg)}{bound}"
         return f"{within} (target {comparison.target_deg:g}°), {explained}{changed}{limits}"
     changed = ": a new calibration will be better" if is_changed else ""
@@ -227,7 +235,7 @@ def _remedy(comparison: Comparison, *, is_checked: bool, is_limited: bool) -> st
         whose, what = "the calibration's", "calibrate again, from a longer recording"
     else:
         whose, what = "the recording's", "resolve its first limit:" if is_limited else "record for longer"
-    needed = angle(comparison.telling_bound_deg or 0.0)
+    needed = angle(comparison.required_bound_deg or 0.0)
     return f"Claims of {needed} together would suffice; the wider one is {whose} with {claim}: {what}"
 
 
@@ -271,7 +279,7 @@ def _true_errors(evaluation: Evaluation) -> Table:
     body, of_body = evaluation.body_heading_error_deg, evaluation.claimed_body_heading_deg
     free, with_rotation = evaluation.unrotated_direction_error_deg, evaluation.direction_error_deg
     rows = [
-        styled("bold", "level heading", *_true_cells(heading, claimed, evaluation.heading_ratio)),
+        style_cells("bold", "level heading", *_true_cells(heading, claimed, evaluation.heading_ratio)),
         None if bound is None else ("  95 % within", "", "", "", angle(bound)),
         None if body is None else ("  of the body", *_true_cells(body, of_body, evaluation.body_heading_ratio)),
         ("direction", *_true_cells(free, evaluation.claimed_direction_deg, evaluation.direction_ratio)),
@@ -294,7 +302,7 @@ def _true_parameters(evaluation: Evaluation) -> Text:
     scale = evaluation.scale_error
     return lines(
         [
-            ("offset", offset, label(evaluation.unit)),
+            ("offset", offset, unit_label(evaluation.unit)),
             ("", _digits(evaluation.offset_share), f"of the field{ratio}"),
             ("matrix", _digits(evaluation.matrix_error), "rotation and scale removed"),
             ("rotation", *_true_rotation(evaluation.rotation)),
@@ -341,7 +349,9 @@ def _digits(share: float) -> str:
 # ------------------------------------------------------------------------------------------ what to choose from
 
 
-def of_methods(methods: Mapping[str, Method], options: Mapping[str, Mapping[str, tuple[str, ...]]]) -> RenderableType:
+def page_of_methods(
+    methods: Mapping[str, Method], options: Mapping[str, Mapping[str, tuple[str, ...]]]
+) -> RenderableType:
     """Lay out the methods: parameters, smallest number of readings, and options with their values."""
     headings = (Column("method", style="bold"), "parameters\nfound", "readings,\nat least", Column("when to use it"))
     rows = []
@@ -351,7 +361,7 @@ def of_methods(methods: Mapping[str, Method], options: Mapping[str, Mapping[str,
     return table(headings, rows)
 
 
-def of_targets(targets: Collection[Target]) -> RenderableType:
+def page_of_targets(targets: Collection[Target]) -> RenderableType:
     """Lay out the targets, and below them the unverified properties of those with a star."""
     headings = [Column("target", style="bold"), *map(Column, ("written form", "holds", "unit", "import"))]
     rows = [

@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING, Final, Self, cast
 
 import numpy as np
 
-from flinders.arrays import runs
-from flinders.core.units import label
-from flinders.errors import FitError, counted
-from flinders.estimators import Readings, within_range
+from flinders.arrays import true_runs
+from flinders.core.units import unit_label
+from flinders.errors import FitError, count_text
+from flinders.estimators import Readings, remove_saturated
 from flinders.heading.error_propagation import level_gradients
 from flinders.report.charts import (
     Axis,
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Recording
     from flinders.estimators import Convergence, Estimator
-    from flinders.estimators.trace import Watched
+    from flinders.estimators.trace import SequentialEstimator
     from flinders.report.charts import Canvas
 
 
@@ -79,7 +79,7 @@ class Trace:
     ) -> Self | None:
         """Trace a method over a recording; None if it gives no result."""
         try:
-            steps = cast("Watched", method).converge(within_range(Readings.of(recording)))
+            steps = cast("SequentialEstimator", method).converge(remove_saturated(Readings.of(recording)))
         except FitError:
             return None
         if steps.last is None:
@@ -87,7 +87,7 @@ class Trace:
         return cls(steps, method.name, unit=recording.unit.inside, dip_deg=dip_deg, target_deg=target_deg)
 
     @cached_property
-    def off(self) -> Floats:
+    def differences(self) -> Floats:
         """(K, 9) differences between each parameter and its last value."""
         off: Floats = self.steps.parameters - self.steps.parameters[self.last]
         return off
@@ -98,12 +98,14 @@ class Trace:
         return len(self.steps) - 1 if self.steps.last is None else self.steps.last
 
     @cached_property
-    def heading_off_deg(self) -> Floats:
+    def heading_differences_deg(self) -> Floats:
         """(K,) differences of the worst level heading from the last one, in degrees, to first order; at most 180."""
         known = self.steps.is_known
         gradients = level_gradients(self.steps.ellipsoid(self.last), dip_deg=self.dip_deg)
         errors: Floats = np.full(len(self.steps), np.nan)
-        errors[known] = np.minimum(np.rad2deg(np.abs(self.off[known] @ gradients.T).max(axis=1, initial=0.0)), 180.0)
+        errors[known] = np.minimum(
+            np.rad2deg(np.abs(self.differences[known] @ gradients.T).max(axis=1, initial=0.0)), 180.0
+        )
         return errors
 
 
@@ -115,7 +117,7 @@ def convergence_table(trace: Trace) -> str:
     steps = trace.steps
     columns = [f"{name}_{trace.unit}" for name in PARAMETERS]
     header = ["readings", "heading_off_deg", *columns, *(f"sigma_{name}" for name in columns)]
-    numbers = np.concatenate([trace.heading_off_deg[:, np.newaxis], steps.parameters, steps.sigmas], axis=1)
+    numbers = np.concatenate([trace.heading_differences_deg[:, np.newaxis], steps.parameters, steps.sigmas], axis=1)
     lines = [
         ",".join([str(count), *("" if math.isnan(number) else f"{number:.9g}" for number in row)])
         for count, row in zip(steps.counts.tolist(), numbers.tolist(), strict=True)
@@ -147,7 +149,7 @@ def convergence_drawing(trace: Trace) -> str:
 
 def _title(trace: Trace) -> str:
     counts = trace.steps.counts.tolist()
-    title = f"How {trace.method} settles over {counted(counts[-1], 'reading')}"
+    title = f"How {trace.method} settles over {count_text(counts[-1], 'reading')}"
     last = counts[trace.last]
     return title if last == counts[-1] else f"{title}: lost after {last:,}"
 
@@ -160,7 +162,10 @@ def _over_readings(trace: Trace) -> tuple[Axis, list[tuple[float, str]]]:
 
 def _parameters(trace: Trace, name: str, which: range) -> Panel:
     """Differences of some parameters from their last values: bands of 1 σ first, then the lines on top."""
-    counts, sizes = trace.steps.counts, (np.abs(trace.off[:, which]) + trace.steps.sigmas[:, which])[: trace.last + 1]
+    counts, sizes = (
+        trace.steps.counts,
+        (np.abs(trace.differences[:, which]) + trace.steps.sigmas[:, which])[: trace.last + 1],
+    )
     later = sizes[len(sizes) // EARLY_DIVISOR :]
     largest = float(later[np.isfinite(later)].max(initial=0.0))
     end = round_up(largest, (1.0, 2.0, 4.0, 10.0)) if largest > 0.0 else 1.0
@@ -168,8 +173,8 @@ def _parameters(trace: Trace, name: str, which: range) -> Panel:
     def draw(canvas: Canvas) -> list[str]:
         bands, lines = [], []
         for place, parameter in enumerate(which):
-            for run in runs(trace.steps.is_known):
-                value, sigma = trace.off[run, parameter], trace.steps.sigmas[run, parameter]
+            for run in true_runs(trace.steps.is_known):
+                value, sigma = trace.differences[run, parameter], trace.steps.sigmas[run, parameter]
                 low, high, shown = (edge.clip(-2.0 * end, 2.0 * end) for edge in (value - sigma, value + sigma, value))
                 bands.append(canvas.area(f"band c{place}", counts[run], low, high))
                 lines.append(canvas.line(_kind(place), counts[run], shown))
@@ -177,7 +182,7 @@ def _parameters(trace: Trace, name: str, which: range) -> Panel:
 
     rows = [(value, minus(f"{value:+g}") if value else "0") for value in np.linspace(-end, end, 5).tolist()]
     across, numbers = _over_readings(trace)
-    title = f"{name}, {label(trace.unit)}: off its last value, ± 1 σ"
+    title = f"{name}, {unit_label(trace.unit)}: off its last value, ± 1 σ"
     return Panel(across, Axis(-end, end), draw, title=title, x_ticks=numbers, y_ticks=rows)
 
 
@@ -203,15 +208,15 @@ def _entry(top: float, place: int, words: str) -> str:
 
 def _headings(trace: Trace) -> Panel:
     """Difference of the worst level heading from the last one, by decades, with the target."""
-    known = trace.heading_off_deg[trace.heading_off_deg > 0.0]
+    known = trace.heading_differences_deg[trace.heading_differences_deg > 0.0]
     least, most = (float(known.min()), float(known.max())) if len(known) else (0.1, 1.0)
     low = 10.0 ** math.floor(math.log10(min(max(least, MIN_AXIS_DEG), MAX_AXIS_DEG / 10.0)))
     high = min(max(10.0 ** math.ceil(math.log10(most)), 10.0 * low), MAX_AXIS_DEG)
-    off = trace.heading_off_deg.clip(low / 10.0, 10.0 * high)
+    off = trace.heading_differences_deg.clip(low / 10.0, 10.0 * high)
 
     def draw(canvas: Canvas) -> list[str]:
         aim = [canvas.level(trace.target_deg, "aim")] if low < trace.target_deg < high else []
-        return aim + [canvas.line("line", trace.steps.counts[run], off[run]) for run in runs(trace.steps.is_known)]
+        return aim + [canvas.line("line", trace.steps.counts[run], off[run]) for run in true_runs(trace.steps.is_known)]
 
     decades = [low * 10.0**decade for decade in range(round(math.log10(high / low)) + 1)]
     across, numbers = _over_readings(trace)

@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, Final, Self
 import msgspec
 import numpy as np
 
-from flinders.core.compensation import compensated
-from flinders.core.joining import in_memory, singles
-from flinders.core.units import label
-from flinders.diagnostics.random_walk import FEWEST, random_walk_of
-from flinders.report.view import lengths_off, view
+from flinders.core.compensation import compensate_recording
+from flinders.core.joining import read_into_memory, single_recordings
+from flinders.core.units import unit_label
+from flinders.diagnostics.random_walk import MIN_READINGS, random_walk_of
+from flinders.report.view import excess_lengths, view
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -68,15 +68,15 @@ class FigureData:
         most : int
             Largest number of readings that are drawn; the `View` counts all of them.
         """
-        recorded = in_memory(recording)
+        recorded = read_into_memory(recording)
         followed = {} if fit is None else {one.name: one for one in fit.calibration.disturbances}
-        samples = recorded if fit is None else in_memory(compensated(recording, fit.calibration))
+        samples = recorded if fit is None else read_into_memory(compensate_recording(recording, fit.calibration))
         seen = None if fit is None else _view_with_guidance(fit, samples)
         is_used = np.ones(len(samples), bool)
         for first, last in () if seen is None else seen.rejected:
             is_used[first : last + 1] = False
         stride = max(1, -(-len(samples) // most))
-        when, clock = _time_axis(samples, is_one=len(list(singles(recording))) == 1)
+        when, clock = _time_axis(samples, is_one=len(list(single_recordings(recording))) == 1)
         return cls(
             seen,
             samples,
@@ -85,14 +85,14 @@ class FigureData:
             {
                 name: one.numbers(column[::stride])
                 for name, one in followed.items()
-                if (column := recorded.driving(name)) is not None
+                if (column := recorded.disturbance_values(name)) is not None
             },
             when[::stride],
             clock,
             is_used[::stride],
             len(samples),
             stride,
-            label(recording.unit.inside),
+            unit_label(recording.unit.inside),
             None if fit is None else fit.claim.plane,
         )
 
@@ -115,10 +115,10 @@ class FigureData:
         )
         return strengths
 
-    def walk(self, fit: Fit) -> RandomWalk | None:
+    def random_walk(self, fit: Fit) -> RandomWalk | None:
         """Random walk of the offset over one recording; None without times, or for few readings."""
         time = self.whole.time
-        if time is None or self.clock != "s" or self.total < FEWEST or not time[-1] > time[0]:
+        if time is None or self.clock != "s" or self.total < MIN_READINGS or not time[-1] > time[0]:
             return None
         dip = fit.heading_error_deg.dip_deg
         ellipsoid = fit.calibration.ellipsoid
@@ -135,7 +135,7 @@ class FigureData:
     @property
     def residuals(self) -> Floats:
         """(n,) excess length of each corrected reading over the field; empty without a correction."""
-        return np.empty(0) if self.shown is None else lengths_off(self.corrected, self.shown.strength, self.plane)
+        return np.empty(0) if self.shown is None else excess_lengths(self.corrected, self.shown.strength, self.plane)
 
 
 def _apply_correction(shown: Shown, field: Floats) -> Floats:

@@ -22,22 +22,22 @@ import numpy as np
 
 from flinders.geometry.sphere import tiles
 from flinders.report.charts import (
-    MOST_DOTS,
+    MAX_DOTS,
     Axis,
     Panel,
     Plot,
     chart,
     circle,
-    clipped,
+    clip_shapes,
     compass_ticks,
-    labelled,
+    label_numbers,
     rectangle,
     round_ticks,
     round_up,
     segment,
-    stacked,
+    stack_panels,
     text,
-    thinned,
+    thin_out,
 )
 from flinders.report.formatting import minus, with_unit
 from flinders.report.maps import error_tiles, hatch_pattern
@@ -62,14 +62,14 @@ SIDE, EDGE = 260, 34
 """Side of a square figure, and its margin below and, for short numbers, to the left."""
 DIGIT_WIDTH: Final = 7.0
 """Width of a digit next to an axis."""
-WIDE: Final = 820
+WIDTH: Final = 820
 MAX_OFFSET_RATIO: Final = 4.0
 """The origin is shown if the offset is at most this many field strengths long."""
 
 AZIMUTH, ELEVATION = math.radians(32.0), math.radians(20.0)
 """Initial viewpoint of the 3-D view (``static/views/camera.js``)."""
 
-PREDICTED: Final = "Predicted error"
+PREDICTED_TITLE: Final = "Predicted error"
 """Title of the sphere of tiles."""
 
 MAX_SIGMAS: Final = 4.5
@@ -186,7 +186,7 @@ def pictures(drawn: FigureData, target_deg: float) -> list[tuple[str, str]]:
     titled = [("Before", _cloud(drawn, is_corrected=False))]
     if drawn.view is not None and drawn.view.shown is not None:
         titled.append(("After", _cloud(drawn, is_corrected=True)))
-        titled.append((PREDICTED, ball(drawn.view, target_deg)))
+        titled.append((PREDICTED_TITLE, ball(drawn.view, target_deg)))
     return titled
 
 
@@ -209,7 +209,7 @@ def cloud(drawn: FigureData, *, is_corrected: bool) -> Panel:
     """Readings from the viewpoint, fainter behind the centre, with the outline of the ellipsoid or sphere."""
     eye, name, shown = _eye(), "after" if is_corrected else "before", drawn.shown
     readings, low, high = extents(drawn, is_corrected=is_corrected)
-    points, out = thinned(readings[drawn.is_used], MOST_DOTS) @ eye.T, readings[~drawn.is_used] @ eye.T
+    points, out = thin_out(readings[drawn.is_used], MAX_DOTS) @ eye.T, readings[~drawn.is_used] @ eye.T
     edge, ends = _silhouette(drawn, eye[:2], is_corrected=is_corrected), _ends_of_axes(drawn, is_corrected=is_corrected)
     corners = np.concatenate([np.array(_extent(points)) if len(points) else ends, ends])[:, :2]
     centre = (low + high) / 2.0 if shown is None or is_corrected else np.array(shown.offset)
@@ -266,7 +266,7 @@ def ball(view: View, target_deg: float) -> str:
     rim = circle("", middle, middle, radius)
     parts = [
         hatch_pattern("hatch-ball"),
-        clipped("ball", rim, *error_tiles(plot, view, target_deg, rings, "hatch-ball")),
+        clip_shapes("ball", rim, *error_tiles(plot, view, target_deg, rings, "hatch-ball")),
     ]
     for end in (sign * axis for axis in np.eye(3) for sign in (1.0, -1.0)):
         if end @ eye[2] > 0.0:
@@ -285,7 +285,7 @@ def ball(view: View, target_deg: float) -> str:
 
 def residuals(drawn: FigureData) -> str:
     """Excess length of each corrected reading over the field, over time; readings left out are crosses."""
-    return stacked("Residuals over time", [residuals_over_time(drawn)], wide=WIDE, high=170.0)
+    return stack_panels("Residuals over time", [residuals_over_time(drawn)], wide=WIDTH, high=170.0)
 
 
 def residuals_over_time(drawn: FigureData) -> Panel:
@@ -334,7 +334,9 @@ def strength_over_time(drawn: FigureData, limit: float | None) -> Panel:
 
 def histogram(view: View, unit: str) -> str:
     """Histogram of the residuals, with a normal distribution of the same count and noise."""
-    return stacked("Histogram of the residuals", [residual_histogram(view, unit)], wide=378.0, high=170.0, left=46.0)
+    return stack_panels(
+        "Histogram of the residuals", [residual_histogram(view, unit)], wide=378.0, high=170.0, left=46.0
+    )
 
 
 def residual_histogram(view: View, unit: str) -> Panel:
@@ -364,7 +366,7 @@ def offset_over_time(walk: RandomWalk, unit: str, plane: Plane | None = None) ->
     end = round_up(1.02 * float((np.abs(path) + sigma).max()))
     columns = zip(axes, path.T, sigma.T, strict=True)
     panels = [_strip(f"{AXES[axis]}, {unit}", when, value, one, end) for axis, value, one in columns]
-    return stacked("Offset over time, less that of the fit", panels, wide=WIDE, high=72.0)
+    return stack_panels("Offset over time, less that of the fit", panels, wide=WIDTH, high=72.0)
 
 
 def _strip(title: str, when: Floats, value: Floats, sigma: Floats, end: float) -> Panel:
@@ -378,7 +380,7 @@ def _strip(title: str, when: Floats, value: Floats, sigma: Floats, end: float) -
     return Panel(across, Axis(-end, end), draw, "seconds", title=title, y_ticks=numbers)
 
 
-def compensated(drawn: FigureData, disturbance: Disturbance) -> str:
+def compensation_chart(drawn: FigureData, disturbance: Disturbance) -> str:
     """Strength of the corrected field over a disturbance: with its effect, and with that removed."""
     assert drawn.shown is not None
     driving = drawn.driving[disturbance.name]
@@ -394,15 +396,17 @@ def compensated(drawn: FigureData, disturbance: Disturbance) -> str:
 
     across, up = Axis(first, max(last, first + 1e-9)), Axis(low - margin, high + margin)
     title = f"Strength of the corrected field over {disturbance.name}, before and after following it"
-    return stacked(title, [Panel(across, up, draw, with_unit(disturbance), drawn.unit)], wide=WIDE, high=190.0)
+    return stack_panels(title, [Panel(across, up, draw, with_unit(disturbance), drawn.unit)], wide=WIDTH, high=190.0)
 
 
 # --------------------------------------------------------------------------------------------------------- deviation
 
 
-def deviation(view: View, target_deg: float, *, wide: float = WIDE, high: float = 120.0) -> str:
+def deviation(view: View, target_deg: float, *, wide: float = WIDTH, high: float = 120.0) -> str:
     """A level turn: deviation of the raw compass over the heading, and 1 σ and 2 σ of the corrected one."""
-    return stacked("Deviation over the heading, before and after", deviations(view, target_deg), wide=wide, high=high)
+    return stack_panels(
+        "Deviation over the heading, before and after", deviations(view, target_deg), wide=wide, high=high
+    )
 
 
 def deviations(view: View, target_deg: float) -> tuple[Panel, Panel]:
@@ -436,7 +440,7 @@ def deviations(view: View, target_deg: float) -> tuple[Panel, Panel]:
 def _turn(end: float, draw: Callable[[Canvas], list[str]], title: str, kind: str) -> Panel:
     """A panel of a deviation over the heading."""
     up = Axis(-end, end)
-    numbers = labelled([-180.0, -90.0, 0.0, 90.0, 180.0], "°") if end == 180.0 else round_ticks(up, 5, "°")
+    numbers = label_numbers([-180.0, -90.0, 0.0, 90.0, 180.0], "°") if end == 180.0 else round_ticks(up, 5, "°")
     words = "heading of a level vehicle"
     return Panel(Axis(0.0, 360.0), up, draw, words, title=title, kind=kind, x_ticks=compass_ticks(), y_ticks=numbers)
 

@@ -23,7 +23,7 @@ from flinders.errors import figures as digits
 from flinders.fitting.export import refuse_unfit
 from flinders.fitting.measurement_noise import gates_of
 from flinders.report import figures
-from flinders.report.charts import MOST_DOTS, as_file, beside, stacked, text, thinned
+from flinders.report.charts import MAX_DOTS, as_file, row_of_charts, stack_panels, text, thin_out
 from flinders.report.figure_data import FigureData
 from flinders.report.maps import legend_row, tile_rules
 from flinders.report.matplotlib import CORRECTED, draw_panel
@@ -91,10 +91,10 @@ def _sphere(fit: Fit, recording: AnyReadings | None) -> str:
         text(place * (figures.SIDE + GAP) + figures.SIDE / 2.0, 16, title, kind="name")
         for place, (title, _) in enumerate(titled)
     ]
-    has_errors = titled[-1][0] == figures.PREDICTED
+    has_errors = titled[-1][0] == figures.PREDICTED_TITLE
     legend = legend_row(wide, figures.SIDE + 38.0, fit.claim.target_deg, LEGEND) if has_errors else ""
     charts = [(figure, figures.SIDE, figures.SIDE) for _, figure in titled]
-    return beside(
+    return row_of_charts(
         "Readings before and after, and predicted error", charts, *heads, legend, gap=GAP, top=22.0, foot=26.0
     )
 
@@ -107,7 +107,7 @@ def _cloud(fit: Fit, recording: AnyReadings | None) -> tuple[Panel, ...]:
 
 def _in_space(axes: Axes, drawn: FigureData) -> Axes:
     """The corrected readings on three-dimensional axes."""
-    x, y, z = thinned(drawn.corrected[drawn.is_used], MOST_DOTS).T
+    x, y, z = thin_out(drawn.corrected[drawn.is_used], MAX_DOTS).T
     axes.scatter(x, y, zs=z, s=3, lw=0, color=CORRECTED)
     axes.set(xlabel=f"x, {drawn.unit}", ylabel=f"y, {drawn.unit}", zlabel=f"z, {drawn.unit}", aspect="equal")
     return axes
@@ -141,7 +141,7 @@ def _chart_of_panels(
     title: str, high: float, panels: Callable[[Fit, AnyReadings | None], tuple[Panel, ...]]
 ) -> Callable[[Fit, AnyReadings | None], str]:
     """Function that draws panels of a fit below each other."""
-    return lambda fit, recording: stacked(title, panels(fit, recording), wide=figures.WIDE, high=high)
+    return lambda fit, recording: stack_panels(title, panels(fit, recording), wide=figures.WIDTH, high=high)
 
 
 class FigureKind(NamedTuple):

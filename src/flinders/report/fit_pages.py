@@ -11,30 +11,30 @@ from rich.table import Column
 from rich.text import Text
 
 from flinders.core.language import OF_TERMINAL
-from flinders.core.units import label
-from flinders.errors import FitError, counted, figures, in_python
+from flinders.core.units import unit_label
+from flinders.errors import FitError, count_text, figures, python_arguments
 from flinders.estimators.minmax import MinMax
 from flinders.findings import advice, first_causes, limit_of, translation
 from flinders.fitting.axis_extremes import Extremes
 from flinders.fitting.result import Fit, fit_of
-from flinders.fitting.verdict import headline_of, improves
+from flinders.fitting.verdict import headline_of, is_improvement
 from flinders.report.formatting import (
     aging,
-    aligned,
+    align_columns,
+    align_points,
     condition,
     curve_entries,
     date_of,
     degrees,
+    duration_words,
     matrix_entries,
     mounting,
     offset_entries,
-    on_the_point,
     p_value,
-    said_once,
     shown_findings,
-    written_time,
+    without_repeated_steps,
 )
-from flinders.report.onboard_pages import TITLES, errors_table, of_onboard
+from flinders.report.onboard_pages import TITLES, errors_table, page_of_onboard
 from flinders.report.terminal import COLOURS, facts, lines, notes, page, table, verdict, whole_columns
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from flinders.arrays import Floats
-    from flinders.comparison.members import Member, Together
+    from flinders.comparison.members import Member, MultiFit
     from flinders.core.calibration import Calibration
     from flinders.diagnostics.repeatability import Repeats
     from flinders.errors import FlindersError, Spelling
@@ -53,14 +53,14 @@ if TYPE_CHECKING:
 
 MAX_NOISE_SHARE: Final = limit_of("noise", "refuses")
 
-NO_BETTER: Final = "headings are no better with this calibration than without"
+NO_BETTER_WORDS: Final = "headings are no better with this calibration than without"
 
 COMMON_NOTES: Final = ("scale-unknown", "rotation-unknown")
 """Notes that apply to any recording, unless the field and the mounting are given."""
 
 
-def of_fit(
-    fit: Fit, spell: Spelling = in_python, *, is_verbose: bool = False, onboard: OnboardCheck | None = None
+def page_of_fit(
+    fit: Fit, spell: Spelling = python_arguments, *, is_verbose: bool = False, onboard: OnboardCheck | None = None
 ) -> RenderableType:
     """Lay out a fit: plain words, errors without and with it, its numbers and uncertainty, the verdict and its limits.
 
@@ -78,9 +78,9 @@ def of_fit(
         blocks = (_merged_parts(repeats), result, _merged_verdict(fit, repeats))
         return Group(page(*blocks), findings(shown_findings(fit), spell))
     tops = () if is_refused else (page_of_recipe(fit), errors_table(fit, onboard), _change_words(fit))
-    shown = list(said_once(_findings_of_page(fit, is_verbose=is_verbose), fit))
+    shown = list(without_repeated_steps(_findings_of_page(fit, is_verbose=is_verbose), fit))
     is_limited = any(finding.severity == "limits" for finding in shown)
-    change = None if onboard is None or is_refused else of_onboard(onboard, is_limited=is_limited)
+    change = None if onboard is None or is_refused else page_of_onboard(onboard, is_limited=is_limited)
     return Group(page(*tops, change, result, _fit_verdict(fit)), findings(shown, spell))
 
 
@@ -97,17 +97,17 @@ def page_of_recipe(fit: Fit) -> RenderableType | None:
     return extremes_table(Extremes(fit.calibration, centre - half, centre + half))
 
 
-def of_refused_recipe(fit: Fit) -> RenderableType:
+def page_of_refused_recipe(fit: Fit) -> RenderableType:
     """Lay out the numbers of a recipe whose fit is refused, which are shown only on request."""
     mark = Text(f"REFUSED, not fit for use: the result of {fit.evidence.method}, for comparison only", "bold red")
     return page(mark, page_of_recipe(fit), numbers(fit.calibration, np.full(3, np.nan), fit.evidence.noise))
 
 
-def of_file(fit: Fit, spell: Spelling = in_python, *, is_verbose: bool) -> RenderableType:
+def page_of_file(fit: Fit, spell: Spelling = python_arguments, *, is_verbose: bool) -> RenderableType:
     """Lay out a loaded calibration: its origin, its numbers, and its claim."""
     provenance, calibration = fit.provenance.record, fit.calibration
     files = [
-        f"{file.name}, {counted(file.rows, 'reading')}" if file.rows else file.name for file in fit.provenance.files
+        f"{file.name}, {count_text(file.rows, 'reading')}" if file.rows else file.name for file in fit.provenance.files
     ]
     origin = [
         ("made", f"{date_of(provenance.date)}, Flinders {provenance.flinders}" if provenance else ""),
@@ -116,7 +116,7 @@ def of_file(fit: Fit, spell: Spelling = in_python, *, is_verbose: bool) -> Rende
         ("readings", f"in {calibration.raw.name}, axes {calibration.axes}"),
     ]
     sigma = fit.claim.offset_sigma if fit.claim.states_uncertainty else np.full(3, np.nan)
-    basis = f"{counted(fit.evidence.samples, 'reading')}; {fit.evidence.method}"
+    basis = f"{count_text(fit.evidence.samples, 'reading')}; {fit.evidence.method}"
     said = (
         _verdict_of_fit(fit, basis, *_further_lines(fit))
         if fit.claim.states_uncertainty
@@ -129,14 +129,14 @@ def of_file(fit: Fit, spell: Spelling = in_python, *, is_verbose: bool) -> Rende
     )
 
 
-def of_extremes(extremes: Extremes, spell: Spelling = in_python) -> RenderableType:
+def page_of_extremes(extremes: Extremes, spell: Spelling = python_arguments) -> RenderableType:
     """Lay out the calibration from six typed numbers, which has no claim."""
-    said = graded(extremes.verdict, "accuracy unknown, with limits:", "six typed numbers; minmax")
+    said = verdict_line(extremes.verdict, "accuracy unknown, with limits:", "six typed numbers; minmax")
     result = numbers(extremes.calibration, np.full(3, np.nan), math.nan)
     return Group(page(extremes_table(extremes), result, said), findings(extremes.findings, spell))
 
 
-def of_sensors(
+def page_of_sensors(
     outcomes: Sequence[tuple[str, Fit | FitError]],
     target_deg: float,
     onboard: Mapping[str, OnboardCheck] | None = None,
@@ -159,7 +159,7 @@ def of_sensors(
     return page(table(headings, rows), Group(*said, basis))
 
 
-def of_several(together: Together, target_deg: float, spell: Spelling = in_python) -> RenderableType:
+def page_of_joint_fit(together: MultiFit, target_deg: float, spell: Spelling = python_arguments) -> RenderableType:
     """Lay out jointly calibrated magnetometers: a row each, and their agreement."""
     numbered = ("heading\nalone", "\ntogether", f"axes of\n{together.reference}", "\nbut for", "\noff by")
     headings = (
@@ -185,10 +185,10 @@ def of_several(together: Together, target_deg: float, spell: Spelling = in_pytho
 
 def numbers(calibration: Calibration, offset_sigma: Floats, noise: float) -> Text:
     """Offset above matrix, in columns x, y and z, aligned at decimal points."""
-    unit = label(calibration.unit)
+    unit = unit_label(calibration.unit)
     offset, curve = offset_entries(calibration, offset_sigma), curve_entries(calibration)
-    shown = ["   ".join(row) for row in aligned(offset, *matrix_entries(calibration.matrix), *curve.values())]
-    below, _ = on_the_point(["?" if math.isnan(noise) else figures(noise, 3), offset[0]])
+    shown = ["   ".join(row) for row in align_columns(offset, *matrix_entries(calibration.matrix), *curve.values())]
+    below, _ = align_points(["?" if math.isnan(noise) else figures(noise, 3), offset[0]])
     shown.append(below.ljust(len(shown[0])))
     names = ("offset", "matrix", "", "", *curve, "noise")
     units = (unit, "", "", "", *("% of the field" for _ in curve), unit)
@@ -210,7 +210,7 @@ def lead(fit: Fit) -> Text:
     return Text(words).append(f" [{code}]" if code else "", "dim")
 
 
-def graded(quality: Verdict, words: str | Text, *more: str) -> Table:
+def verdict_line(quality: Verdict, words: str | Text, *more: str) -> Table:
     """The verdict of a calibration, with its meaning and its basis."""
     language = OF_TERMINAL.get()
     return verdict(language.capitals(language.phrase(f"verdict.{quality}", quality)), quality, words, *more)
@@ -223,7 +223,7 @@ def _change_words(fit: Fit) -> Text | None:
         return None
     change = ", ".join(f"{number:+.1f}" for number in known.offset_change)
     return Text(
-        f"Since {known.previous} the offset has changed by ({change}) {label(fit.calibration.unit)}: with it, headings "
+        f"Since {known.previous} the offset has changed by ({change}) {unit_label(fit.calibration.unit)}: with it, headings "
         f"would now be off by up to {degrees(known.heading_change_deg)}. The soft iron is taken from it."
     )
 
@@ -238,7 +238,7 @@ def _verdict_of_fit(fit: Fit, basis: str, *more: str) -> Table:
             if fit.claim.dip_assumed
             else language.phrase("basis.dip", "level, dip {dip}°", dip=dip)
         )
-    return graded(fit.verdict, lead(fit), basis, *more)
+    return verdict_line(fit.verdict, lead(fit), basis, *more)
 
 
 def _fit_verdict(fit: Fit) -> Table:
@@ -257,7 +257,7 @@ def _further_lines(fit: Fit) -> Iterator[str]:
     language = OF_TERMINAL.get()
     if fit.verdict == "refused":
         return iter((language.phrase("basis.not-written", "no calibration was written"),))
-    no_better = "" if improves(fit) else language.phrase("basis.no-better", NO_BETTER)
+    no_better = "" if is_improvement(fit) else language.phrase("basis.no-better", NO_BETTER_WORDS)
     conditions = translation.assumptions(fit.judgement.conditions, language) or condition(fit)
     return filter(None, (mounting(fit), conditions, aging(fit), no_better))
 
@@ -277,9 +277,9 @@ def _merged_parts(repeats: Repeats) -> Table:
 
 
 def _merged_verdict(fit: Fit, repeats: Repeats) -> Table:
-    readings = f" of {counted(fit.evidence.samples, 'reading')}" if fit.evidence.samples else ""
+    readings = f" of {count_text(fit.evidence.samples, 'reading')}" if fit.evidence.samples else ""
     chance = f"; chance scatters them as far with {p_value(repeats.p_value)}"
-    basis = f"{counted(len(repeats.parts), 'calibration')}{readings}{chance}"
+    basis = f"{count_text(len(repeats.parts), 'calibration')}{readings}{chance}"
     return _verdict_of_fit(fit, basis, *(["nothing was written"] if fit.verdict == "refused" else []))
 
 
@@ -357,7 +357,7 @@ def _error(outcome: Fit | FlindersError) -> str:
     return "–" if fit is None else degrees(fit.heading_error_deg.worst)
 
 
-def _axes_cells(together: Together, member: Member) -> tuple[str, str, str]:
+def _axes_cells(together: MultiFit, member: Member) -> tuple[str, str, str]:
     """Axes of a member, its misalignment, and the typical scatter of its readings."""
     if member.rotation is None:
         return "", "", ""
@@ -377,10 +377,10 @@ def _member_notes(number: int, member: Member, spell: Spelling) -> Iterator[tupl
         yield finding.severity, f"{number}: {advice(finding, spell)}"
 
 
-def _agreement_words(together: Together) -> str:
+def _agreement_words(together: MultiFit) -> str:
     """Extent of the comparison between the members."""
-    over = f"{counted(together.agreement.instants, 'moment')} common to two or more"
-    seconds = f", over {written_time(together.agreement.seconds)}" if together.agreement.seconds else ""
+    over = f"{count_text(together.agreement.instants, 'moment')} common to two or more"
+    seconds = f", over {duration_words(together.agreement.seconds)}" if together.agreement.seconds else ""
     axes = "of gyro and accelerometer" if together.in_body else f"of {together.reference}"
     own = [member.name for member in together.members if member.is_kept]
     but = f", those of {' and '.join(own)} in their own" if own else ""

@@ -17,8 +17,8 @@ import numpy as np
 
 from flinders.errors import figures
 from flinders.findings import first_causes
-from flinders.findings.catalogue import OF_RECORDING
-from flinders.findings.row import stated
+from flinders.findings.catalogue import RECORDING_FINDINGS
+from flinders.findings.row import verifiable_conditions
 from flinders.findings.words import ANY_ANGLE_DEG
 from flinders.fitting.good_until import good_until
 from flinders.likelihood.parameters import TERMS
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from flinders.findings import Finding
     from flinders.fitting.result import Fit
 
-FINEST: Final = 2e-4
+OFFSET_RESOLUTION: Final = 2e-4
 """Resolution of an offset relative to the field; rounding to it moves headings by at most a fiftieth of a degree."""
 SOURCES: Final = {name: term.instrument for name, term in TERMS.items()}
 """Names of the aiding sensors' instruments."""
@@ -104,10 +104,10 @@ def p_value(value: float) -> str:
     return f"p = {value:.2g}" if value >= 1e-4 else "p < 0.0001"
 
 
-def written_time(seconds: float) -> str:
+def duration_words(seconds: float) -> str:
     """Format a duration for users.
 
-    >>> written_time(0.5), written_time(75.0), written_time(7325.0)
+    >>> duration_words(0.5), duration_words(75.0), duration_words(7325.0)
     ('0.50 s', '1 min 15 s', '2 h 2 min 5 s')
     """
     if seconds < 60:
@@ -141,7 +141,7 @@ def length(value: float, unit: str) -> str:
     return f"{figures(value, 4)} {unit}"
 
 
-def on_the_point(numbers: Sequence[str]) -> list[str]:
+def align_points(numbers: Sequence[str]) -> list[str]:
     """Pad numbers so that their decimal points are aligned."""
     cut = [(number, _point(number)) for number in numbers]
     before = max(point for _, point in cut)
@@ -157,7 +157,7 @@ def _point(number: str) -> int:
 
 def offset_entries(calibration: Calibration, sigma: Floats) -> list[str]:
     """Format an offset, each axis with its uncertainty if known."""
-    finest = FINEST * calibration.field_strength
+    finest = OFFSET_RESOLUTION * calibration.field_strength
     return [with_uncertainty(*pair, finest=finest) for pair in zip(calibration.offset.tolist(), sigma, strict=True)]
 
 
@@ -165,7 +165,7 @@ def matrix_entries(matrix: Floats, sigma: Floats | None = None) -> list[list[str
     """Format a matrix with its uncertainties, or without them to seven digits of the largest entry."""
     if sigma is not None:
         pairs = np.stack([matrix, sigma], axis=2).tolist()
-        return [[with_uncertainty(*pair, finest=FINEST) for pair in row] for row in pairs]
+        return [[with_uncertainty(*pair, finest=OFFSET_RESOLUTION) for pair in row] for row in pairs]
     largest = float(abs(matrix).max())
     decimals = DECIMALS - math.floor(math.log10(largest) + 1e-9)
     if not 0 <= decimals <= 2 * DECIMALS:
@@ -190,16 +190,16 @@ def curve_entries(calibration: Calibration) -> dict[str, list[str]]:
     return {name: [f"{round(100.0 * share, 1) + 0.0:.1f}" for share in term.tolist()] for name, term in terms.items()}
 
 
-def aligned(*rows: Sequence[str]) -> list[list[str]]:
+def align_columns(*rows: Sequence[str]) -> list[list[str]]:
     """Rows of numbers whose columns are aligned at decimal points."""
-    columns = (on_the_point(column) for column in zip(*rows, strict=True))
+    columns = (align_points(column) for column in zip(*rows, strict=True))
     return [list(row) for row in zip(*columns, strict=True)]
 
 
 # ------------------------------------------------------------------------------------------------------- words on a fit
 
 
-def uncorrected(fit: Fit) -> str:
+def uncorrected_error_words(fit: Fit) -> str:
     """Heading error without the calibration, in words."""
     worst = fit.claim.uncorrected_heading_error_deg.worst
     return "any angle: the compass does not work" if worst > 100 else f"up to {degrees(worst)}"
@@ -210,10 +210,10 @@ def shown_findings(fit: Fit) -> list[Finding]:
     causes = first_causes(fit.findings)
     if fit.verdict != "refused":
         return list(causes)
-    return [finding for finding in causes if finding.severity != "note" or finding.code in OF_RECORDING]
+    return [finding for finding in causes if finding.severity != "note" or finding.code in RECORDING_FINDINGS]
 
 
-def said_once(findings: Iterable[Finding], fit: Fit | None = None) -> Iterator[Finding]:
+def without_repeated_steps(findings: Iterable[Finding], fit: Fit | None = None) -> Iterator[Finding]:
     """Findings whose repeated next steps refer to the headline, if it is shown, or to an earlier finding."""
     headline = () if fit is None else first_causes(fit.findings)[:1]
     above = {step for finding in headline for step in _steps(finding).values()}
@@ -276,4 +276,4 @@ def condition(fit: Fit) -> str:
     >>> condition(fit(simulate.tumble(seed=1).samples))
     'holds if no iron is near and currents are constant: record elsewhere too'
     """
-    return stated(fit.judgement.conditions)
+    return verifiable_conditions(fit.judgement.conditions)

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.report.charts import Axis, Panel, round_ticks, round_up, stacked
-from flinders.report.figures import WIDE
+from flinders.report.charts import Axis, Panel, round_ticks, round_up, stack_panels
+from flinders.report.figures import WIDTH
 from flinders.report.formatting import minus
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ YAW: Final = "The yaw is the autopilot's own estimate, and may depend on this co
 def headings_over_time(history: HeadingHistory, target_deg: float) -> str:
     """Headings over time, with both calibrations and the attitude, and their difference below."""
     title = "Heading over time by what was on board and by the new calibration, and their difference"
-    return stacked(title, [_headings(history), _difference(history, target_deg)], wide=WIDE, high=150.0)
+    return stack_panels(title, [_headings(history), _difference(history, target_deg)], wide=WIDTH, high=150.0)
 
 
 def history_words(history: HeadingHistory) -> str:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 from rich.console import Group
 
-from flinders.errors import counted, in_python
+from flinders.errors import count_text, python_arguments
 from flinders.heading.compass import LEVEL
 from flinders.report.formatting import degrees
 from flinders.report.terminal import facts, notes
@@ -18,17 +18,17 @@ if TYPE_CHECKING:
 
     from flinders.core.geomag import SiteField
     from flinders.errors import Spelling
-    from flinders.heading.compass import Voyage
+    from flinders.heading.compass import HeadingSums
     from flinders.workflows.heading_notes import HeadingClaim
     from flinders.workflows.heading_stream import HeadingSummary
 
 
-def of_headings(summary: HeadingSummary, spell: Spelling = in_python) -> RenderableType:
+def page_of_headings(summary: HeadingSummary, spell: Spelling = python_arguments) -> RenderableType:
     """Lay out a run of headings, with its limits first."""
     voyage, compass, site = summary.voyage, summary.compass, summary.site
     how = "from x and y alone, level" if compass.formula == LEVEL else f"tilt-compensated ({compass.formula})"
     known = [
-        ("heading", f"of the x axis, {how}; {counted(voyage.readings, 'reading')}"),
+        ("heading", f"of the x axis, {how}; {count_text(voyage.readings, 'reading')}"),
         ("good to", _reason_of_no_claim(summary) or _heading_error(summary.claim)),
     ]
     if compass.declination_deg is not None:
@@ -92,7 +92,7 @@ def grid_words(site: SiteField) -> str:
     return f"{site.grid}; magnetic north {abs(site.grid_declination_deg):.2f}° {side} of grid north"
 
 
-def _dip(voyage: Voyage, site: SiteField | None) -> str:
+def _dip(voyage: HeadingSums, site: SiteField | None) -> str:
     dip, scatter = voyage.frames.dip_deg
     modelled = "" if site is None else f"; {site.inclination_deg:.1f}° in the model"
     return f"{dip:.1f}° seen, scatter {scatter:.1f}° with the attitude{modelled}"

@@ -31,10 +31,10 @@ import msgspec
 import numpy as np
 
 from flinders.core.calibration_file import ProvenanceRecord
-from flinders.core.disturbance import is_column, motor
-from flinders.core.durations import duration
-from flinders.core.units import label
-from flinders.errors import FlindersError, counted, figures
+from flinders.core.disturbance import is_column, kind_and_motor
+from flinders.core.durations import duration_text
+from flinders.core.units import unit_label
+from flinders.errors import FlindersError, count_text, figures
 from flinders.findings.sensor_words import uncertain
 from flinders.findings.words import UPSIDE_DOWN, as_sentence
 from flinders.fitting.claim import dip_words
@@ -55,18 +55,18 @@ from flinders.report.formatting import (
     matrix_entries,
     minus,
     offset_entries,
-    said_once,
     sources,
     with_uncertainty,
     with_unit,
+    without_repeated_steps,
 )
 from flinders.report.heading_figures import headings_over_time, history_words
-from flinders.report.html_file import filled, html_file, script_of, style_of
-from flinders.report.modules import joined
+from flinders.report.html_file import fill_template, html_file, script_of, style_of
+from flinders.report.modules import join_modules
 from flinders.report.onboard_pages import onboard_words
 from flinders.report.view import matrix_sigma, tiles_view
 from flinders.targets import registry
-from flinders.targets._target import MOUNTINGS
+from flinders.targets._target import MOUNTING_KINDS
 from flinders.verdicts import MEANINGS
 from flinders.workflows.log_headings import heading_history
 
@@ -138,7 +138,7 @@ def page(
     fit = fit_of(outcome)
     usable = None if fit is None or fit.verdict == "refused" else fit
     drawn = None if recording is None else FigureData.of(fit, recording)
-    walk = None if drawn is None or fit is None or not belongs_to(fit, drawn) else drawn.walk(fit)
+    walk = None if drawn is None or fit is None or not belongs_to(fit, drawn) else drawn.random_walk(fit)
     view = None if drawn is None else drawn.view
     script, has_scene = _script(has_view=view is not None)
     history = _history(recording, fit, onboard)
@@ -192,7 +192,7 @@ def listings_of(fit: Fit) -> list[Listing]:
         return []
     listings = []
     for name, target in sorted(registry().items(), key=lambda row: row[0] != OPEN_TARGET):
-        if target.keeps in MOUNTINGS:
+        if target.keeps in MOUNTING_KINDS:
             continue
         try:
             export, _ = export_fit(fit, target)
@@ -221,8 +221,8 @@ def _as_python(calibration: Calibration) -> Listing:
 def python_of(calibration: Calibration) -> str:
     """The correction as Python code with NumPy only: `raw`, as recorded, becomes `corrected`."""
     axes = calibration.axes.apply(np.eye(3)).T.astype(int).tolist()
-    given = {"calibration": calibration, "axes": axes, "unit": label(calibration.unit)}
-    return filled("correction.py.j2", given, {"with_unit": with_unit}) + "\n"
+    given = {"calibration": calibration, "axes": axes, "unit": unit_label(calibration.unit)}
+    return fill_template("correction.py.j2", given, {"with_unit": with_unit}) + "\n"
 
 
 # ------------------------------------------------------------------------------------------------------------- words
@@ -241,7 +241,8 @@ def _outcome(outcome: Fit | FitError, fit: Fit | None) -> dict[str, str]:
 def _findings(fit: Fit) -> list[tuple[Finding, str]]:
     """Findings with their sentences, the most severe first; the advice is given once, with the cause."""
     said = [
-        (finding, finding.fault if finding.follows_from else finding.advice) for finding in said_once(fit.findings, fit)
+        (finding, finding.fault if finding.follows_from else finding.advice)
+        for finding in without_repeated_steps(fit.findings, fit)
     ]
     return [(finding, as_sentence(words)) for finding, words in said]
 
@@ -250,7 +251,7 @@ def _walk_words(walk: RandomWalk, fit: Fit) -> str:
     """Stability of the offset in words; with a claim, also the time for which that is good enough."""
     is_claimed = fit.verdict != "refused" and fit.claim.states_uncertainty
     say, dip = walk.words if is_claimed else walk.story, abs(fit.heading_error_deg.dip_deg)
-    return as_sentence(say(label(fit.calibration.unit), level_deg=fit.claim.target_deg, dip_deg=dip))
+    return as_sentence(say(unit_label(fit.calibration.unit), level_deg=fit.claim.target_deg, dip_deg=dip))
 
 
 def _parameters(fit: Fit) -> list[tuple[str, list[tuple[str, str]]]]:
@@ -272,14 +273,14 @@ def disturbance_rows(fit: Fit) -> list[tuple[str, str, list[tuple[str, str]], st
     dip = fit.heading_error_deg.dip_deg
     estimates = fit.evidence.disturbances.estimates
     known = {estimate.name: estimate for estimate in estimates if estimate.disturbance is not None}
-    motors = {one.name for one in fit.calibration.disturbances if motor(one.name)[1]}
+    motors = {one.name for one in fit.calibration.disturbances if kind_and_motor(one.name)[1]}
     rows = []
     for place, one in enumerate(fit.calibration.disturbances):
         removed_deg = fit.calibration.disturbance_deg(one, dip_deg=dip)
         has_others = one.name in motors and len(motors) > 1
         words = _disturbance_words(one, removed_deg, known.get(one.name), has_others=has_others)
         per = f"while {one.states[1]}" if one.states else f"per {one.kind.per}"
-        unit = f"{label(fit.calibration.unit)} {per}"
+        unit = f"{unit_label(fit.calibration.unit)} {per}"
         title = one.name if is_column(one.name) else one.name.capitalize()
         rows.append((title, unit, _disturbance_offsets(fit, one, place), words))
     return rows
@@ -300,11 +301,11 @@ def _disturbance_words(
     disturbance: Disturbance, removed_deg: float, estimate: DisturbanceEstimate | None, *, has_others: bool
 ) -> str:
     """Recorded range of a disturbance, its effect on a heading, and the corrected rest; reference, lag and gain."""
-    amount, left = disturbance.amount, ""
+    amount, left = disturbance.text_of, ""
     if estimate is not None:
         running = " and the other motors run along as they did then" if has_others else ""
         left = f", of which {degrees(estimate.remaining_deg)} (1 σ) is left after correction{running}"
-    states, low, end = disturbance.states, disturbance.lowest, disturbance.farthest
+    states, low, end = disturbance.states, disturbance.lowest, disturbance.extreme_value
     recorded = " and ".join(states) if states else f"from {low:.3g} to {amount(disturbance.highest)}"
     where = f"{'while' if states else 'at'} {amount(end)}"
     parts = [f"recorded {recorded}", f"{where} it moves headings by up to {degrees(removed_deg)}{left}"]
@@ -368,7 +369,7 @@ def _figures(drawn: FigureData | None, fit: Fit | None, walk: RandomWalk | None)
     }
     if fit is not None and fit.verdict != "refused":
         drawings["correlation"] = drawing.correlation(fit) if fit.claim.states_uncertainty else None
-        drawings["compensated"] = [drawing.compensated(drawn, one) for one in fit.calibration.disturbances]
+        drawings["compensated"] = [drawing.compensation_chart(drawn, one) for one in fit.calibration.disturbances]
     return drawings
 
 
@@ -387,7 +388,7 @@ def _script(*, has_view: bool) -> tuple[str, bool]:
     """The script, and whether it includes the 3-D view."""
     if has_view:
         try:
-            return f"\n{joined()}\n", True
+            return f"\n{join_modules()}\n", True
         except FileNotFoundError:  # installed without the bundle
             pass
     return f"{script_of()}m0.copying();\n", False
@@ -399,8 +400,8 @@ def _style() -> str:
 
 
 FILTERS: Final = {
-    "counted": counted, "figures": figures, "degrees": degrees, "sentence": as_sentence, "instruments": instrument_rows,
-    "label": label, "strength": length, "date": date_of, "minus": minus, "sources": sources,
-    "dip_words": dip_words, "duration": duration,
+    "counted": count_text, "figures": figures, "degrees": degrees, "sentence": as_sentence, "instruments": instrument_rows,
+    "label": unit_label, "strength": length, "date": date_of, "minus": minus, "sources": sources,
+    "dip_words": dip_words, "duration": duration_text,
 }  # fmt: skip
 """Formats of numbers in the page."""

@@ -14,7 +14,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, Final
 
 from flinders.report.colours import variables
-from flinders.report.modules import asset, joined
+from flinders.report.modules import asset, join_modules
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -31,10 +31,10 @@ def html_file(template: str, given: Mapping[str, Any], *, style: str, script: st
     `style` and `script` are the only ones that the page may use; `filters` format its numbers.
     """
     hashes = {"style_hash": _hash(style), "script_hash": _hash(script)}
-    return filled(template, {**given, "style": style, "script": script, **hashes}, filters) + "\n"
+    return fill_template(template, {**given, "style": style, "script": script, **hashes}, filters) + "\n"
 
 
-def filled(template: str, given: Mapping[str, Any], filters: Mapping[str, Callable[..., Any]]) -> str:
+def fill_template(template: str, given: Mapping[str, Any], filters: Mapping[str, Callable[..., Any]]) -> str:
     """Fill in a template; text in HTML is escaped.
 
     The template is one of `flinders.report`, or a path in `flinders` such as ``apps/fleet/fleet.html.j2``.
@@ -74,7 +74,7 @@ def style_of(*sheets: str) -> str:
 
 def script_of() -> str:
     """The script of a page without a 3-D view."""
-    return f"\n{joined('static/plain.js')}\nm0.theming(() => {{}});\n"
+    return f"\n{join_modules('static/plain.js')}\nm0.theming(() => {{}});\n"
 
 
 def _hash(text: str) -> str:

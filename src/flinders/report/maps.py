@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final, get_args
 import numpy as np
 
 from flinders.geometry.sphere import tiles
-from flinders.report.charts import Axis, Plot, chart, circle, clipped, outline_of, rectangle, segment, text
+from flinders.report.charts import Axis, Plot, chart, circle, clip_shapes, outline_of, rectangle, segment, text
 from flinders.report.colours import LEGEND, STEPS, Theme, class_of, colour_of, seen_ends, seen_level
 
 if TYPE_CHECKING:
@@ -113,7 +113,7 @@ def _framed_discs(name: str, insides: Sequence[Sequence[str]]) -> list[str]:
     for place, (x, sides, inside) in enumerate(zip(MIDDLES, ("+z +y −y", "−z −y +y"), insides, strict=True)):
         pole, above, below = sides.split()
         parts += [
-            clipped(f"{name}-{place}", circle("", x, MIDDLE, DISC), *inside),
+            clip_shapes(f"{name}-{place}", circle("", x, MIDDLE, DISC), *inside),
             circle("rim", x, MIDDLE, DISC),
             segment("meridian", x - DISC, MIDDLE, x + DISC, MIDDLE),
             segment("meridian", x, MIDDLE - DISC, x, MIDDLE + DISC),

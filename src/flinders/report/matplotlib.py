@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.report.charts import MOST_DOTS
+from flinders.report.charts import MAX_DOTS
 from flinders.report.colours import ROLES, colour_of
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ class AxesCanvas:
         self.axes.fill_between(x, low, high, color=CORRECTED, alpha=0.2, lw=0)
         return ""
 
-    def dots(self, kind: str, x: ArrayLike, y: ArrayLike, *, most: int = MOST_DOTS) -> str:  # noqa: ARG002 - all
+    def dots(self, kind: str, x: ArrayLike, y: ArrayLike, *, most: int = MAX_DOTS) -> str:  # noqa: ARG002 - all
         """Dots, all of them."""
         colour, alpha = RAW if kind.startswith("before") else CORRECTED, 0.2 if kind.endswith("far") else 0.55
         self.axes.scatter(x, y, s=3, lw=0, alpha=alpha, color=colour, rasterized=True)

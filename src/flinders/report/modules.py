@@ -2,7 +2,7 @@ r"""Modules of the page as one script for a self-contained file: no server, no s
 
 A page that is opened from a disk cannot import modules, so they are joined when a report is written: each becomes a
 function that is called once and returns its exports. Our modules use the two plainest forms of import and export, and
-`joined` refuses any other. Pages use a bundle instead, a third as large, which esbuild makes when Flinders is installed
+`join_modules` refuses any other. Pages use a bundle instead, a third as large, which esbuild makes when Flinders is installed
 (``hatch_build.py``); while modules are being edited they are joined as well.
 
 Files are named by their paths in `flinders`: ``static/report.js`` belongs to the library, ``apps/live/static/live.js``
@@ -11,7 +11,7 @@ to a package for one trade.
 >>> bundle_of("apps/live/static/standalone/main.js")
 'apps/live/static/bundled/main.js'
 
->>> wrapped = _wrapped("m1", 'import { a as b } from "./x.js";\nexport const c = b + 1;\n', {"./x.js": "m0"})
+>>> wrapped = _wrap_module("m1", 'import { a as b } from "./x.js";\nexport const c = b + 1;\n', {"./x.js": "m0"})
 >>> print(wrapped)
 const m1 = (() => {
 const { a: b } = m0;
@@ -61,7 +61,7 @@ def script(entry: str, *, exported: tuple[str, ...] = ()) -> str:
         text = asset(bundle_of(entry))
         if text.startswith(_headline()):
             return text
-    return joined(entry, exported=exported)
+    return join_modules(entry, exported=exported)
 
 
 IMPORT: Final = re.compile(r'^import\s*\{([^}]*)\}\s*from\s*"([^"]+)";', re.MULTILINE)
@@ -80,7 +80,7 @@ class NotJoined(Exception):
 
 
 @cache
-def joined(entry: str = "static/report.js", *, exported: tuple[str, ...] = ()) -> str:
+def join_modules(entry: str = "static/report.js", *, exported: tuple[str, ...] = ()) -> str:
     """Join a module and all its imports into the text of one module script, once per process.
 
     The script exports the names in `exported`, so that a page can import them.
@@ -116,10 +116,10 @@ def _join(path: str, names: dict[str, str], parts: list[str]) -> None:
             _join(other, names, parts)
         inside[match[2]] = names[other]
     names[path] = f"m{len(names)}"
-    parts.append(_wrapped(names[path], text, inside))
+    parts.append(_wrap_module(names[path], text, inside))
 
 
-def _wrapped(name: str, text: str, inside: dict[str, str]) -> str:
+def _wrap_module(name: str, text: str, inside: dict[str, str]) -> str:
     """A module as a function that is called at once.
 
     Raises `NotJoined`.

@@ -15,7 +15,7 @@
 uncorrected   104.3 µT    26.6%                  97°   > 100°        > 100°
 on board      49.24 µT     2.5%                 3.0°     4.2°          4.4°
 new           49.37 µT     1.0%               0.059°   0.066°         0.16°
->>> Console(width=80).print(of_onboard(onboard, is_limited=False))
+>>> Console(width=80).print(page_of_onboard(onboard, is_limited=False))
 CHANGE  a change is worth while: with what is on board headings are off by ...
 """
 
@@ -26,12 +26,12 @@ from typing import TYPE_CHECKING, Final
 
 from rich.console import Group
 
-from flinders.comparison.comparison import CHANCE
-from flinders.core.units import label
-from flinders.errors import counted, figures
+from flinders.comparison.comparison import MAX_P_VALUE
+from flinders.core.units import unit_label
+from flinders.errors import count_text, figures
 from flinders.report.comparison_pages import at_most, chance_words, up_to
 from flinders.report.formatting import degrees
-from flinders.report.terminal import notes, styled, table, verdict
+from flinders.report.terminal import notes, style_cells, table, verdict
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -64,11 +64,13 @@ def errors_table(fit: Fit, onboard: OnboardCheck | None = None) -> Table:
     ]
     if onboard is not None:
         known = onboard.comparison
-        rows.insert(1, ("on board", onboard.strength, onboard.spread, known.heading_difference_deg, known.largest_deg))
+        rows.insert(
+            1, ("on board", onboard.strength, onboard.spread, known.heading_difference_deg, known.upper_bound_deg)
+        )
     names = ("", "strength", "spread", "heading error, rms", "worst", "95 % within")
     shown = len(names) if onboard is not None else len(names) - 1
-    *others, last = (_cells(*row, unit=label(fit.calibration.unit))[:shown] for row in rows)
-    return table(names[:shown], [*others, styled("bold", *last)])
+    *others, last = (_cells(*row, unit=unit_label(fit.calibration.unit))[:shown] for row in rows)
+    return table(names[:shown], [*others, style_cells("bold", *last)])
 
 
 def _cells(
@@ -80,7 +82,7 @@ def _cells(
     return name, length, f"{spread:.1%}", degrees(error.rms), degrees(error.worst), bound
 
 
-def of_onboard(onboard: OnboardCheck, *, is_limited: bool) -> RenderableType:
+def page_of_onboard(onboard: OnboardCheck, *, is_limited: bool) -> RenderableType:
     """State whether the on-board calibration should be replaced, and name it.
 
     `is_limited`: the fit has limits, which are listed below.
@@ -92,15 +94,15 @@ def of_onboard(onboard: OnboardCheck, *, is_limited: bool) -> RenderableType:
 
 
 def onboard_words(onboard: OnboardCheck, *, is_limited: bool = True) -> str:
-    """Advice on replacing the on-board calibration, in words; `is_limited` as for `of_onboard`."""
+    """Advice on replacing the on-board calibration, in words; `is_limited` as for `page_of_onboard`."""
     comparison = onboard.comparison
     worst, target = up_to(comparison.worst_deg), f"{comparison.target_deg:g}°"
     if onboard.answer == "holds":
-        is_better = comparison.p_value is not None and comparison.p_value < CHANCE
+        is_better = comparison.p_value is not None and comparison.p_value < MAX_P_VALUE
         more = "; the new calibration is better, if you want more" if is_better else ""
         return (
             f"the onboard calibration is good enough: its headings are off by {worst} (95 % within "
-            f"{degrees(comparison.largest_deg)}; target {target}){more}"
+            f"{degrees(comparison.upper_bound_deg)}; target {target}){more}"
         )
     if onboard.answer == "fails":
         return (
@@ -118,7 +120,7 @@ def onboard_words(onboard: OnboardCheck, *, is_limited: bool = True) -> str:
 def _remarks(onboard: OnboardCheck) -> Iterator[str]:
     """Further remarks on the on-board calibration."""
     if onboard.changes:
-        yield f"it changed {counted(onboard.changes, 'time')} in the log: the last one is judged"
+        yield f"it changed {count_text(onboard.changes, 'time')} in the log: the last one is judged"
     if onboard.mounting is not None and any(onboard.mounting) and onboard.calibration.frame == "sensor":
         roll, pitch, yaw = onboard.mounting
         yield (

@@ -36,7 +36,7 @@ def browser() -> str:
     return program
 
 
-def printed(page: str, program: str) -> bytes:
+def print_pdf(page: str, program: str) -> bytes:
     """A report as PDF, printed by a browser.
 
     Raises `OutputError` if the browser fails.

@@ -16,28 +16,28 @@ import math
 import textwrap
 from typing import TYPE_CHECKING, Any, Final, cast
 
-from flinders.core.units import label
-from flinders.errors import counted, figures
+from flinders.core.units import unit_label
+from flinders.errors import count_text, figures
 from flinders.findings import REFUSALS, limit_of
 from flinders.findings.words import UPSIDE_DOWN, as_sentence
 from flinders.fitting.advice import unseen_side
-from flinders.fitting.claim import TILTS
+from flinders.fitting.claim import TILTS_DEG
 from flinders.fitting.result import Fit, fit_of
-from flinders.fitting.verdict import improves
+from flinders.fitting.verdict import is_improvement
 from flinders.report.formatting import (
     aging,
-    aligned,
+    align_columns,
+    align_points,
     date_of,
     degrees,
     length,
     matrix_entries,
     mounting,
     offset_entries,
-    on_the_point,
     shown_findings,
-    uncorrected,
+    uncorrected_error_words,
 )
-from flinders.report.html_file import filled
+from flinders.report.html_file import fill_template
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -65,13 +65,13 @@ def page(outcome: Fit | FitError, provenance: ProvenanceRecord) -> str:
         "read": _read(outcome, fit, provenance),
         **(_of_fit(outcome) if isinstance(outcome, Fit) else {}),
     }
-    return filled("plain.txt.j2", given, FILTERS)
+    return fill_template("plain.txt.j2", given, FILTERS)
 
 
 def _of_fit(fit: Fit) -> dict[str, Any]:
     """Numbers to copy, and values for the words on heading and attitudes."""
-    offsets = on_the_point(offset_entries(fit.calibration, fit.claim.offset_sigma))
-    rows = aligned(*matrix_entries(fit.calibration.matrix))
+    offsets = align_points(offset_entries(fit.calibration, fit.claim.offset_sigma))
+    rows = align_columns(*matrix_entries(fit.calibration.matrix))
     is_whole = bool(fit.claim.plane) or fit.evidence.coverage.hole_deg <= limit_of("coverage")
     return {
         "aging": aging(fit),
@@ -79,10 +79,10 @@ def _of_fit(fit: Fit) -> dict[str, Any]:
         "offsets": [(axis, value.rstrip()) for axis, value in zip("xyz", offsets, strict=True)],
         "matrix": [(axis, "   ".join(row)) for axis, row in zip("xyz", rows, strict=True)],
         "mounting": mounting(fit).replace(" (1 σ)", ""),
-        "improves": improves(fit),
-        "uncorrected": uncorrected(fit),
+        "improves": is_improvement(fit),
+        "uncorrected": uncorrected_error_words(fit),
         "upside_down": UPSIDE_DOWN,
-        "tilt": next((tilt for tilt in TILTS if tilt > fit.claim.attitude_limit_deg), UPSIDE_DOWN),
+        "tilt": next((tilt for tilt in TILTS_DEG if tilt > fit.claim.attitude_limit_deg), UPSIDE_DOWN),
         "side": "" if is_whole else unseen_side(fit.evidence.coverage),
     }
 
@@ -110,10 +110,10 @@ def error_words(error: FlindersError) -> tuple[str, str]:
 
 def _read(outcome: Fit | FitError, fit: Fit | None, provenance: ProvenanceRecord) -> list[str]:
     """The recordings, and the readings that were left out."""
-    items = [f"{file.name}: {counted(file.rows, 'reading')}." for file in provenance.files]
+    items = [f"{file.name}: {count_text(file.rows, 'reading')}." for file in provenance.files]
     if fit and fit.evidence.outliers:
         runs = [str(outlier) for outlier in fit.evidence.outliers]
-        more = f"; and {counted(len(runs) - MAX_RUNS, 'more run')}" if len(runs) > MAX_RUNS else ""
+        more = f"; and {count_text(len(runs) - MAX_RUNS, 'more run')}" if len(runs) > MAX_RUNS else ""
         items.append(f"Left out as outliers: {'; '.join(runs[:MAX_RUNS])}{more}.")
     findings = fit.findings if fit else ()
     items += [as_sentence(finding.advice) for finding in findings if finding.code in ("no-answer", "skipped-rows")]
@@ -132,7 +132,7 @@ def _item(text: str) -> str:
 
 
 FILTERS: Final[Mapping[str, Callable[..., Any]]] = {
-    "paragraph": _paragraph, "item": _item, "sentence": as_sentence, "date": date_of, "label": label,
+    "paragraph": _paragraph, "item": _item, "sentence": as_sentence, "date": date_of, "label": unit_label,
     "strength": length, "figures": figures, "degrees": degrees,
 }  # fmt: skip
 """Formats of words and numbers in the page."""

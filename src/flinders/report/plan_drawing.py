@@ -15,9 +15,9 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Final
 
-from flinders.core.durations import duration
+from flinders.core.durations import duration_text
 from flinders.fitting.verdict import headline_of
-from flinders.report.charts import as_file, beside, text, thinned
+from flinders.report.charts import as_file, row_of_charts, text, thin_out
 from flinders.report.formatting import date_of, degrees
 from flinders.report.html_file import html_file, script_of, style_of
 from flinders.report.maps import MAP_HIGH, MAP_WIDE, error_legend, legend_row, page_tile_rules, path_map, tile_rules
@@ -36,13 +36,15 @@ MAX_DOTS: Final = 800
 
 def drawing_of(plan: Plan) -> str:
     """The path on the sphere of directions, as an SVG file."""
-    title = f"{plan.body.name}: {duration(plan.seconds)}, {degrees(plan.expected.fit.claim.heading_error_deg.worst)}"
+    title = (
+        f"{plan.body.name}: {duration_text(plan.seconds)}, {degrees(plan.expected.fit.claim.heading_error_deg.worst)}"
+    )
     head = text(MAP_WIDE / 2.0, 16, f"{title} at the worst heading", kind="name")
     target = plan.recording.target_deg
     legend = legend_row(MAP_WIDE, MAP_HIGH + 40.0, target, "error to expect; dots: path")
     words = "Expected heading error, and the path of the motion"
     figure = (_map(plan), float(MAP_WIDE), float(MAP_HIGH))
-    return as_file(beside(words, [figure], head, legend, top=22.0, foot=26.0), tile_rules())
+    return as_file(row_of_charts(words, [figure], head, legend, top=22.0, foot=26.0), tile_rules())
 
 
 def page_of(plan: Plan, commands: Sequence[str]) -> str:
@@ -61,7 +63,7 @@ def page_of(plan: Plan, commands: Sequence[str]) -> str:
             ("Heading error", degrees(error.worst), f"at the worst heading, {degrees(error.rms)} rms"),
             ("95 % within", degrees(claim.heading_bound_deg), "at all headings"),
             ("Within target to", reach_words(expected), "of tilt"),
-            ("Time", duration(plan.seconds), f"{plan.readings:,} readings"),
+            ("Time", duration_text(plan.seconds), f"{plan.readings:,} readings"),
         ],
         "facts": plan_facts(plan),
         "basis": basis_words(plan),
@@ -78,5 +80,5 @@ def page_of(plan: Plan, commands: Sequence[str]) -> str:
 
 def _map(plan: Plan) -> str:
     """The map of expected errors with the path of the motion."""
-    directions = thinned(plan.expected.simulated.directions, MAX_DOTS)
+    directions = thin_out(plan.expected.simulated.directions, MAX_DOTS)
     return path_map(view_alone(plan.expected.fit), plan.recording.target_deg, directions)

@@ -17,9 +17,9 @@ from rich.console import Group
 from rich.table import Column, Table
 from rich.text import Text
 
-from flinders.core.durations import duration
-from flinders.core.units import label
-from flinders.errors import counted
+from flinders.core.durations import duration_text
+from flinders.core.units import unit_label
+from flinders.errors import count_text
 from flinders.findings.words import UPSIDE_DOWN
 from flinders.fitting.verdict import headline_of
 from flinders.report.formatting import degrees
@@ -58,7 +58,10 @@ def plan_facts(plan: Plan) -> list[tuple[str, str]]:
     sensors = "".join(f", {AIDS[aid]}" for aid in recording.aiding)
     return [
         ("body", f"{plan.body.name}: {plan.body.description}"),
-        ("sensor", f"{recording.noise:.3g} {label('uT')} of noise, {recording.rate_hz:g} readings a second{sensors}"),
+        (
+            "sensor",
+            f"{recording.noise:.3g} {unit_label('uT')} of noise, {recording.rate_hz:g} readings a second{sensors}",
+        ),
         ("field", field_words(plan)),
         ("time", recording_words(plan)),
     ]
@@ -69,13 +72,13 @@ def field_words(plan: Plan) -> str:
     site = plan.recording.site
     strength = FIELD_STRENGTH if site is None or site.strength is None else site.strength
     assumed = "" if site is not None and site.inclination_deg is not None else " (assumed)"
-    return f"{strength:.3g} {label('uT')}, dip {dip_of(site):.3g}°{assumed}"
+    return f"{strength:.3g} {unit_label('uT')}, dip {dip_of(site):.3g}°{assumed}"
 
 
 def recording_words(plan: Plan) -> str:
     """Duration, readings, and the time of one turn."""
-    each = duration(360.0 / (plan.body.seconds(plan.sequence) / plan.seconds * plan.body.turning_deg_s))
-    return f"{duration(plan.seconds)}, {counted(plan.readings, 'reading')}, {each} for each turn"
+    each = duration_text(360.0 / (plan.body.seconds(plan.sequence) / plan.seconds * plan.body.turning_deg_s))
+    return f"{duration_text(plan.seconds)}, {count_text(plan.readings, 'reading')}, {each} for each turn"
 
 
 def basis_words(plan: Plan) -> list[str]:
@@ -123,9 +126,10 @@ def alternative_words(each: Alternative) -> str:
 
 def result_rows(plan: Plan) -> list[list[str]]:
     """Rows of the table of results: the plan, then its alternatives."""
-    rows = [["as planned", duration(plan.seconds), *result_cells(plan.expected)]]
+    rows = [["as planned", duration_text(plan.seconds), *result_cells(plan.expected)]]
     return rows + [
-        [alternative_words(each), duration(each.seconds), *result_cells(each.expected)] for each in plan.alternatives
+        [alternative_words(each), duration_text(each.seconds), *result_cells(each.expected)]
+        for each in plan.alternatives
     ]
 
 

@@ -11,10 +11,10 @@ from rich.padding import Padding
 from rich.text import Text
 
 from flinders.core.files import free_path
-from flinders.core.units import COUNTS, EARTH_WITH_ROOM_UT, label
-from flinders.errors import counted, figures
+from flinders.core.units import COUNTS, WIDE_EARTH_FIELD_RANGE_UT, unit_label
+from flinders.errors import count_text, figures
 from flinders.readers._likeness import looks_like
-from flinders.report.formatting import written_time
+from flinders.report.formatting import duration_words
 from flinders.report.heading_pages import grid_words
 from flinders.report.terminal import facts, next_commands, page
 from flinders.report.terminal import notes as marked
@@ -41,7 +41,7 @@ NONE_USABLE_WORDS: Final = (
 CALIBRATION: Final = Path("calibration.json")
 
 
-def of_contents(contents: Contents, *, grid: bool = False) -> RenderableType:
+def page_of_contents(contents: Contents, *, grid: bool = False) -> RenderableType:
     """Lay out the contents of a file, and the next commands; with `grid` also grid north at its place."""
     sensors = [_sensor_block(sensor, contents.site) for sensor in contents.sensors]
     said = next_commands(contents.commands) if contents.commands else Text(NONE_USABLE_WORDS)
@@ -100,7 +100,7 @@ def _file_block(contents: Contents, *, grid: bool) -> RenderableType:
 
 
 def _sensor_block(sensor: RecordedSensor, site: SiteField | None) -> RenderableType:
-    unit = label(sensor.unit_of_field)
+    unit = unit_label(sensor.unit_of_field)
     known = f"in {sensor.unit}" + (f", shown in {unit}" if sensor.unit not in {sensor.unit_of_field, COUNTS} else "")
     title = f"{sensor.number}  {sensor.name}"
     if not sensor.readings:
@@ -144,8 +144,8 @@ def _block(
 def _readings(sensor: RecordedSensor) -> str:
     words = f"{sensor.readings:,}"
     if sensor.rate_hz is not None and sensor.seconds is not None:
-        words += f" at {figures(sensor.rate_hz, 3)} Hz over {written_time(sensor.seconds)}"
-    return words if sensor.longest_gap_s is None else f"{words}; longest gap {written_time(sensor.longest_gap_s)}"
+        words += f" at {figures(sensor.rate_hz, 3)} Hz over {duration_words(sensor.seconds)}"
+    return words if sensor.longest_gap_s is None else f"{words}; longest gap {duration_words(sensor.longest_gap_s)}"
 
 
 def _doubts(sensor: RecordedSensor, site: SiteField | None) -> list[str]:
@@ -157,10 +157,10 @@ def _doubts(sensor: RecordedSensor, site: SiteField | None) -> list[str]:
             "2026-11-22 14:03:07.25"
         )
     if sensor.backward_steps:
-        doubts.append(f"the clock goes back {counted(sensor.backward_steps, 'time')}")
+        doubts.append(f"the clock goes back {count_text(sensor.backward_steps, 'time')}")
     if sensor.strength is not None and sensor.unit_of_field != COUNTS:
         low, high = (
-            EARTH_WITH_ROOM_UT
+            WIDE_EARTH_FIELD_RANGE_UT
             if site is None
             else ((1 - MAX_STRENGTH_DEVIATION) * site.strength, (1 + MAX_STRENGTH_DEVIATION) * site.strength)
         )

@@ -31,8 +31,8 @@ from rich.console import Group
 from rich.table import Column, Table
 from rich.text import Text
 
-from flinders.geometry.sphere import around_z, tile_of
-from flinders.summary.coverage import cells_of
+from flinders.geometry.sphere import from_longitudes, tile_indices
+from flinders.summary.coverage import cell_indices
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -76,7 +76,7 @@ def whole_columns(names: Iterable[str]) -> list[Column]:
     return [Column(name, justify="right", no_wrap=True) for name in names]
 
 
-def styled(style: str, *cells: str) -> list[Text]:
+def style_cells(style: str, *cells: str) -> list[Text]:
     """Cells of a highlighted row."""
     return [Text(cell, style) for cell in cells]
 
@@ -136,7 +136,7 @@ WEIGHTS: Final = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80
 LETTERS: Final = {False: "█░▒·", True: "#+:."}
 """Marks of a direction: within the target with and without readings, above it likewise; ASCII for any terminal."""
 
-DRAWN: Final = f"⣿{LETTERS[False]}"
+REQUIRED_LETTERS: Final = f"⣿{LETTERS[False]}"
 """Characters that a terminal must have for the first set."""
 
 TINTS: Final = ("green", "green", "yellow", "red")
@@ -208,19 +208,19 @@ def _map(view: View, fit: Fit) -> Iterator[list[int]]:
     heights = 1.0 - 2.0 * (np.arange(ROWS) + 0.5) / ROWS
     around = 2.0 * np.pi * ((np.arange(MAP_WIDTH) + 0.5) / MAP_WIDTH - 0.5)
     for height in heights:
-        directions = around_z(np.full(MAP_WIDTH, height), around)
-        errors = [view.tiles_deg[tile] for tile in tile_of(directions).tolist()]
-        is_seen = fit.evidence.coverage.counts[cells_of(directions)] > 0.0
+        directions = from_longitudes(np.full(MAP_WIDTH, height), around)
+        errors = [view.tiles_deg[tile] for tile in tile_indices(directions).tolist()]
+        is_seen = fit.evidence.coverage.counts[cell_indices(directions)] > 0.0
         yield [
             (0 if error is not None and error <= fit.claim.target_deg else 2) + (0 if seen else 1)
             for error, seen in zip(errors, is_seen.tolist(), strict=True)
         ]
 
 
-def dotted(value: float, end: float, width: int, *, seen: float | None = None) -> str:
+def curve_line(value: float, end: float, width: int, *, seen: float | None = None) -> str:
     """One line of a curve, west to the left: ``|`` at zero, ``*`` at the value, ``o`` at an observed value.
 
-    >>> dotted(10.5, 25.0, 21, seen=10.0)
+    >>> curve_line(10.5, 25.0, 21, seen=10.0)
     '          |   o      '
     """
     middle = width // 2

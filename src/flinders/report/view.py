@@ -26,19 +26,19 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 import numpy as np
 from msgspec import Struct
 
-from flinders.arrays import runs
-from flinders.core.units import label
+from flinders.arrays import true_runs
+from flinders.core.units import unit_label
 from flinders.errors import NeedsRecording
 from flinders.findings import first_causes
-from flinders.findings.finding import plain
-from flinders.findings.row import resting_on
+from flinders.findings.finding import json_value
+from flinders.findings.row import words_of_conditions
 from flinders.findings.words import ANY_ANGLE_DEG
-from flinders.fitting.advice import WORTH_IT, guided, movement
+from flinders.fitting.advice import MIN_SAVED_SHARE, guidance_for, movement
 from flinders.fitting.verdict import headline_of
-from flinders.geometry.plane import down_of
-from flinders.geometry.sphere import tile_of, tiles
+from flinders.geometry.plane import down_direction
+from flinders.geometry.sphere import tile_indices, tiles
 from flinders.native.engine import engine
-from flinders.summary.coverage import cells_of
+from flinders.summary.coverage import cell_indices
 from flinders.summary.quality import DataQuality
 
 if TYPE_CHECKING:
@@ -197,16 +197,16 @@ def view(
     return View(
         verdict=fit.verdict,
         method=fit.evidence.method,
-        unit=label(fit.calibration.unit),
+        unit=unit_label(fit.calibration.unit),
         field_strength_known=fit.calibration.field_strength_known,
         samples=fit.evidence.samples,
         findings=tuple(map(_finding, first_causes(fit.findings))),
         tiles_deg=_shown_errors(errors),
-        tiles_seen=tuple(np.bincount(tile_of(corrected), minlength=len(errors)).tolist()),
+        tiles_seen=tuple(np.bincount(tile_indices(corrected), minlength=len(errors)).tolist()),
         rejected=tuple((int(numbered[first]), int(numbered[last])) for first, last in sorted(rejected)),
         **({} if fit.verdict == "refused" else _number_fields(fit)),
         sentence=headline_of(fit, claims.get("attitude_limit_deg")).words,
-        condition=resting_on(fit.judgement.conditions),
+        condition=words_of_conditions(fit.judgement.conditions),
         **({} if fit.judgement.is_flat else _surface_fields(fit, corrected)),
         **claims,
     )
@@ -219,9 +219,9 @@ def view_of_numbers(fit: Fit) -> View:
     return View(
         verdict=fit.verdict,
         sentence=headline_of(fit, limit_deg).words,
-        condition=resting_on(fit.judgement.conditions),
+        condition=words_of_conditions(fit.judgement.conditions),
         method=fit.evidence.method,
-        unit=label(fit.calibration.unit),
+        unit=unit_label(fit.calibration.unit),
         field_strength_known=fit.calibration.field_strength_known,
         samples=fit.evidence.samples,
         findings=tuple(map(_finding, first_causes(fit.findings))),
@@ -240,12 +240,12 @@ def view_alone(fit: Fit) -> View:
     """
     by_tile: Floats = np.ones(len(tiles().centres))
     with contextlib.suppress(NeedsRecording):
-        by_tile = fit.evidence.coverage.counts[cells_of(tiles().centres @ rotation_of(fit))]
+        by_tile = fit.evidence.coverage.counts[cell_indices(tiles().centres @ rotation_of(fit))]
     return View(
         verdict=fit.verdict,
         sentence=headline_of(fit).words,
         method=fit.evidence.method,
-        unit=label(fit.calibration.unit),
+        unit=unit_label(fit.calibration.unit),
         field_strength_known=fit.calibration.field_strength_known,
         samples=fit.evidence.samples,
         findings=(),
@@ -318,7 +318,7 @@ def _left_out_readings(fit: Fit, samples: Samples) -> tuple[NDArray[np.bool_], l
     for rail in DataQuality.of(samples).rails:
         is_at_rail |= samples.field[:, rail.axis] == rail.value
     free, is_rejected = np.flatnonzero(~is_at_rail), is_at_rail.copy()
-    ends = [(run.start, run.stop - 1) for run in runs(is_at_rail)]
+    ends = [(run.start, run.stop - 1) for run in true_runs(is_at_rail)]
     for outlier in fit.evidence.outliers:
         first, last = int(free[outlier.first - 1]), int(free[outlier.last - 1])
         inside = slice(first, last + 1)
@@ -353,8 +353,8 @@ def tile_errors_deg(fit: Fit) -> Floats:
 
 def _finding(finding: Finding) -> FindingView:
     """A finding with its sentence."""
-    number, limit = plain(finding.number), plain(finding.limit)
-    values = {name: plain(finding.values[name]) for name in IN_PLAIN_WORDS if name in finding.values}
+    number, limit = json_value(finding.number), json_value(finding.limit)
+    values = {name: json_value(finding.values[name]) for name in IN_PLAIN_WORDS if name in finding.values}
     return FindingView(finding.code, finding.severity, number, limit, finding.advice, values)
 
 
@@ -370,7 +370,7 @@ def matrix_sigma(fit: Fit) -> Floats:
 
 def turn(fit: Fit) -> LevelTurn:
     """Heading errors over a level turn, before and after."""
-    dip, down = fit.heading_error_deg.dip_deg, down_of(fit.claim.plane)
+    dip, down = fit.heading_error_deg.dip_deg, down_direction(fit.claim.plane)
     ellipsoid, covariance = fit.calibration.ellipsoid, fit.claim.claimed_covariance
     columns = engine().level_turn(ellipsoid.centre, ellipsoid.shape, covariance, dip_deg=dip, down=down)
     return LevelTurn(*(tuple(column.round(4).tolist()) for column in columns))
@@ -380,12 +380,12 @@ def residuals(fit: Fit, corrected: Floats) -> ResidualHistogram:
     """Histogram of the distances of (N, 3) corrected readings from the sphere; in one plane, from the circle in it."""
     widest = max(MAX_SIGMAS * fit.evidence.noise, np.finfo(float).tiny)
     edges = np.linspace(-widest, widest, BIN_COUNT + 1)
-    lengths = lengths_off(corrected, fit.calibration.field_strength, fit.claim.plane)
+    lengths = excess_lengths(corrected, fit.calibration.field_strength, fit.claim.plane)
     counts, _ = np.histogram(lengths.clip(-widest, widest), edges)
     return ResidualHistogram(tuple(edges.tolist()), tuple(counts.tolist()))
 
 
-def lengths_off(corrected: Floats, strength: float, plane: Plane | None) -> Floats:
+def excess_lengths(corrected: Floats, strength: float, plane: Plane | None) -> Floats:
     """(N,) excess length of (N, 3) corrected readings over the field; in one plane, over their mean in it."""
     if plane is None:
         lengths: Floats = np.linalg.norm(corrected, axis=1)
@@ -399,11 +399,11 @@ def guidance(fit: Fit, goal: Goal, frame: Frame) -> GuidanceView:
 
     A turn in one plane, and a fit for which no direction is better than the others, get words without a direction.
     """
-    next_turn = guided(fit, goal)
+    next_turn = guidance_for(fit, goal)
     direction, words = None, "turn it slowly through all directions, away from iron and from currents"
     if fit.claim.plane:
         words = movement(fit)
-    elif next_turn.after_deg <= (1.0 - WORTH_IT) * next_turn.worst_deg:
+    elif next_turn.after_deg <= (1.0 - MIN_SAVED_SHARE) * next_turn.worst_deg:
         direction, words = triple(rotation_of(fit) @ next_turn.direction), next_turn.words(frame)
     worst, after = (math.hypot(error, fit.claim.structure_deg) for error in (next_turn.worst_deg, next_turn.after_deg))
     return GuidanceView(direction, words, worst, after, goal, frame)

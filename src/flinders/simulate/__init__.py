@@ -22,7 +22,7 @@ Motions:
 ============== =============================================== ============ ====
 ``hand``       tumbled by hand for a minute, smooth in time    acceleration rate
 ``eight``      waved in figures of eight for a minute          acceleration rate
-``uniform``    all directions equally: the best possible
+``uniform_directions``    all directions equally: the best possible
 ``tilted``     all headings, tilted by up to 35°: a vehicle    acceleration
 ``level``      all headings, level: not enough for a 3-D fit   acceleration
 ``drive``      bends and hills for five minutes, 6° at most    acceleration rate
@@ -33,7 +33,7 @@ Motions:
 ``sweeps``     around in the plane xy, then in yz, then in zx  acceleration rate
 ``sweep-xy``   around in one plane, and so ``-yz`` and ``-zx`` acceleration rate
 ``hemisphere`` the field never comes from above: a robot
-``clumped``    held still for most of the time
+``clumped_directions``    held still for most of the time
 ============== =============================================== ============ ====
 
 All parts can be combined:
@@ -55,9 +55,9 @@ from __future__ import annotations
 import numpy as np  # noqa: F401  for the examples above
 
 from flinders.geometry.rotation import rotation_vectors
-from flinders.geometry.sphere import clump, clumped, fibonacci, hemisphere, uniform
+from flinders.geometry.sphere import clump, clumped_directions, fibonacci, hemisphere, uniform_directions
 from flinders.simulate import truth
-from flinders.simulate.attitudes import north_and_down, posed, seen_from, turns  # fmt: skip
+from flinders.simulate.attitudes import attitudes_of, in_body_axes, north_and_down, turns  # fmt: skip
 from flinders.simulate.disturbances import (
     FieldStep,
     GaussMarkov,
@@ -88,9 +88,46 @@ from flinders.simulate.recording import RATE_NOISE, Imu, Simulated, angle_error_
 from flinders.simulate.sensor import Sensor, soft_iron
 
 __all__ = [
-    "MOTIONS", "RATE_HZ", "RATE_NOISE", "FieldStep", "GaussMarkov", "Imu", "MotorCurrent", "Motors", "NamedColumn",
-    "PassingMagnet", "Perturbation", "Sensor", "Simulated", "Step", "ThermalDrift", "Trajectory", "angle_error_deg",
-    "clump", "clumped", "drive", "fibonacci", "figure_eight", "flight", "hand_tumble", "hemisphere", "level_turn",
-    "north_and_down", "planar_sweeps", "posed", "rocked", "rotation_vectors", "seen_from", "soft_iron",
-    "specific_force", "stray_fields", "swayed", "tilted", "truth", "tumble", "turns", "uniform", "write_csv",
+    "MOTIONS",
+    "RATE_HZ",
+    "RATE_NOISE",
+    "FieldStep",
+    "GaussMarkov",
+    "Imu",
+    "MotorCurrent",
+    "Motors",
+    "NamedColumn",
+    "PassingMagnet",
+    "Perturbation",
+    "Sensor",
+    "Simulated",
+    "Step",
+    "ThermalDrift",
+    "Trajectory",
+    "angle_error_deg",
+    "attitudes_of",
+    "clump",
+    "clumped_directions",
+    "drive",
+    "fibonacci",
+    "figure_eight",
+    "flight",
+    "hand_tumble",
+    "hemisphere",
+    "in_body_axes",
+    "level_turn",
+    "north_and_down",
+    "planar_sweeps",
+    "rocked",
+    "rotation_vectors",
+    "soft_iron",
+    "specific_force",
+    "stray_fields",
+    "swayed",
+    "tilted",
+    "truth",
+    "tumble",
+    "turns",
+    "uniform_directions",
+    "write_csv",
 ]  # fmt: skip

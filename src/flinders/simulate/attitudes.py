@@ -1,7 +1,7 @@
 """Attitudes of a body: rotations from body axes into world axes (north, east, down), and angular rates.
 
 >>> north = np.array([1.0, 0.0, 0.0])
->>> seen_from(posed([np.pi / 2], [0.0], [0.0]), north).round(3) + 0.0
+>>> in_body_axes(attitudes_of([np.pi / 2], [0.0], [0.0]), north).round(3) + 0.0
 array([[ 0., -1.,  0.]])
 """
 
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.arrays import table
+from flinders.arrays import check_table
 from flinders.geometry.rotation import cross_matrices, rotation_vectors
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ def turns(vectors: ArrayLike) -> Floats:
     >>> turns([[0.0, 0.0, np.pi / 2]]).round(3)[0].tolist()
     [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
     """
-    vector = table(vectors, "rotation vectors")
+    vector = check_table(vectors, "rotation vectors")
     angle = np.linalg.norm(vector, axis=1)
     cross = cross_matrices(vector / np.where(angle < 1e-12, 1.0, angle)[:, np.newaxis])
     sine, cosine = np.sin(angle)[:, np.newaxis, np.newaxis], np.cos(angle)[:, np.newaxis, np.newaxis]
@@ -52,10 +52,10 @@ def north_and_down(dip_deg: float) -> Floats:
     return np.array([math.cos(dip), 0.0, math.sin(dip)])
 
 
-def posed(heading: ArrayLike, pitch: ArrayLike, roll: ArrayLike) -> Floats:
+def attitudes_of(heading: ArrayLike, pitch: ArrayLike, roll: ArrayLike) -> Floats:
     """(N, 3, 3) attitudes of a body from heading, pitch (nose up) and roll (right side down), in rad.
 
-    >>> posed([np.pi / 2], [0.0], [0.0]).round(3)[0].tolist()
+    >>> attitudes_of([np.pi / 2], [0.0], [0.0]).round(3)[0].tolist()
     [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
     """
     headings, pitches, rolls = np.broadcast_arrays(*(np.atleast_1d(angle) for angle in (heading, pitch, roll)))
@@ -64,10 +64,10 @@ def posed(heading: ArrayLike, pitch: ArrayLike, roll: ArrayLike) -> Floats:
     return turned @ turns(np.outer(rolls, x))
 
 
-def seen_from(attitudes: Floats, world: Floats) -> Floats:
+def in_body_axes(attitudes: Floats, world: Floats) -> Floats:
     """(N, 3) world vector (3,) in the body axes of each of (N, 3, 3) attitudes.
 
-    >>> seen_from(posed([0.3], [0.0], [0.0]), np.array([0.0, 0.0, 1.0]))
+    >>> in_body_axes(attitudes_of([0.3], [0.0], [0.0]), np.array([0.0, 0.0, 1.0]))
     array([[0., 0., 1.]])
     """
     seen: Floats = np.einsum("nji,j->ni", attitudes, world)
@@ -92,7 +92,7 @@ def rates(attitudes: Floats, rate_hz: float) -> Floats:
     return np.concatenate([rate, rate[-1:]])
 
 
-def integrated(start: Floats, steps: Floats) -> Floats:
+def integrate_steps(start: Floats, steps: Floats) -> Floats:
     """(N, 3, 3) attitudes from a start, each rotated by its step (N, 3, 3) in body axes.
 
     Products of the steps within each block are computed for all blocks together, then the start attitudes of blocks.

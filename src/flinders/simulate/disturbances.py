@@ -24,9 +24,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 
-from flinders.arrays import table, triple
+from flinders.arrays import check_table, check_triple
 from flinders.errors import UsageError
-from flinders.geometry.sphere import uniform
+from flinders.geometry.sphere import uniform_directions
 from flinders.simulate._checks import not_negative, positive, share
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ class Motors:
 
     def on(self, time: Floats, rng: Generator) -> Effect:
         """Effect on readings at (N,) times in s."""
-        vectors = table(self.per_ampere, "per_ampere")
+        vectors = check_table(self.per_ampere, "per_ampere")
         since = time - time[0]
         hold, most = positive(self.hold, "hold"), positive(self.amperes, "amperes")
         throttle = _eased_settings(since / hold, rng.uniform(0.0, 1.0, (int(since[-1] / hold) + 2, 1)))
@@ -265,18 +265,18 @@ def stray_fields(rng: Generator, n: int, proportion: float) -> tuple[Floats, NDA
     struck = round(share(proportion, "outliers") * n)
     rows = rng.choice(n, struck, replace=False)
     fields, outliers = np.zeros((n, 3)), np.zeros(n, dtype=np.bool_)
-    fields[rows] = uniform(rng, struck) * rng.uniform(0.5, 3.0, (struck, 1))
+    fields[rows] = uniform_directions(rng, struck) * rng.uniform(0.5, 3.0, (struck, 1))
     outliers[rows] = True
     return fields, outliers
 
 
 def _vector(value: float | ArrayLike, rng: Generator, name: str) -> Floats:
     """(3,) given vector, or a given length in a random direction; both draw the same count of random numbers."""
-    direction = uniform(rng, 1)[0]
+    direction = uniform_directions(rng, 1)[0]
     if np.ndim(value) == 0:
         along: Floats = not_negative(float(value), name, "µT") * direction  # type: ignore[arg-type]  # ndim is 0
         return along
-    return triple(value, name)
+    return check_triple(value, name)
 
 
 def _progress(time: Floats) -> Floats:

@@ -7,7 +7,7 @@ and accelerations.
 >>> path = MOTIONS["flight"].draw(np.random.default_rng(0), course)
 >>> path.directions.shape, path.rate.shape
 ((500, 3), (500, 3))
->>> down = seen_from(path.attitudes, np.array([0.0, 0.0, 1.0]))
+>>> down = in_body_axes(path.attitudes, np.array([0.0, 0.0, 1.0]))
 >>> bool(np.degrees(np.arccos(down[:, 2].min())) < MOTIONS["flight"].tilt_deg)
 True
 """
@@ -22,11 +22,11 @@ from typing import TYPE_CHECKING, Final, cast
 import numpy as np
 
 from flinders.errors import UsageError
-from flinders.geometry.plane import PLANES, order_of
+from flinders.geometry.plane import PLANES, axis_order
 from flinders.geometry.rotation import rotation_vectors
-from flinders.geometry.sphere import clumped, hemisphere, uniform
+from flinders.geometry.sphere import clumped_directions, hemisphere, uniform_directions
 from flinders.simulate._checks import count
-from flinders.simulate.attitudes import integrated, posed, random_attitude, rates, seen_from, turns
+from flinders.simulate.attitudes import attitudes_of, in_body_axes, integrate_steps, random_attitude, rates, turns
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -100,7 +100,7 @@ class Motion:
 def tilted(rng: Generator, n: int, *, tilt_deg: float = 35.0) -> Floats:
     """(n, 3, 3) attitudes: all headings, tilted about any level axis by up to `tilt_deg`; in random order.
 
-    >>> down = seen_from(tilted(np.random.default_rng(0), 1000), np.array([0.0, 0.0, 1.0]))
+    >>> down = in_body_axes(tilted(np.random.default_rng(0), 1000), np.array([0.0, 0.0, 1.0]))
     >>> bool(np.degrees(np.arccos(down[:, 2].min())) < 35)
     True
     """
@@ -140,9 +140,9 @@ def hand_tumble(
     ((500, 3, 3), 9.98, 1.5)
     """
     n = count(round(seconds * rate_hz))
-    rate = wandering(rng, n, math.exp(-1.0 / (rate_hz * smoothness)))
+    rate = smooth_noise(rng, n, math.exp(-1.0 / (rate_hz * smoothness)))
     rate *= speed / np.sqrt(np.mean(rate**2))
-    attitudes = integrated(random_attitude(rng), turns(rate * (1 / rate_hz)))
+    attitudes = integrate_steps(random_attitude(rng), turns(rate * (1 / rate_hz)))
     return Trajectory(_clock(n, rate_hz), attitudes, rate)
 
 
@@ -162,7 +162,7 @@ def figure_eight(rng: Generator, *, seconds: float = 60.0, rate_hz: float = RATE
     roll = np.radians(110 + 20 * sway[:, 1]) * np.sin(phase)
     pitch = np.radians(55 + 15 * sway[:, 2]) * np.sin(2 * phase)
     heading = rng.uniform(0, 2 * np.pi) + 6 * np.pi * time / seconds
-    return _trajectory(posed(heading, pitch, roll), rate_hz)
+    return _trajectory(attitudes_of(heading, pitch, roll), rate_hz)
 
 
 def drive(
@@ -185,7 +185,7 @@ def drive(
     bends = 0.35 * _bounded_noise(rng, n, rate_hz, seconds=3.0)[:, 0]
     slope = math.radians(tilt_deg) * _bounded_noise(rng, n, rate_hz, seconds=4.0)
     heading = rng.uniform(0, 2 * np.pi) + np.cumsum(bends) / rate_hz
-    attitudes = posed(heading, 0.9 * slope[:, 0], 0.4 * slope[:, 1])
+    attitudes = attitudes_of(heading, 0.9 * slope[:, 0], 0.4 * slope[:, 1])
     return _trajectory(attitudes, rate_hz, _to_the_right(heading, speed * bends))
 
 
@@ -210,7 +210,7 @@ def flight(
     bank, pitch = 0.85 * lean[:, 0], 0.45 * lean[:, 1]
     bends = GRAVITY * np.tan(bank) / speed
     heading = rng.uniform(0, 2 * np.pi) + np.cumsum(bends) / rate_hz
-    return _trajectory(posed(heading, pitch, bank), rate_hz, _to_the_right(heading, speed * bends))
+    return _trajectory(attitudes_of(heading, pitch, bank), rate_hz, _to_the_right(heading, speed * bends))
 
 
 def swayed(
@@ -231,7 +231,7 @@ def swayed(
     True
     """
     n = count(round(seconds * rate_hz))
-    smooth = wandering(rng, n, math.exp(-1.0 / (rate_hz * LEAN_TIME_CONSTANT_S)))
+    smooth = smooth_noise(rng, n, math.exp(-1.0 / (rate_hz * LEAN_TIME_CONSTANT_S)))
     smooth /= np.sqrt(np.mean(smooth**2))
     far = np.hypot(smooth[:, 0], smooth[:, 1])
     lean = smooth * (math.radians(tilt_deg) * np.tanh(far / 2) / np.maximum(far, 1e-12))[:, np.newaxis]
@@ -269,7 +269,7 @@ def rocked(
         fast, phase = rng.uniform(slowest, fastest), rng.uniform(0, 2 * np.pi)
         angles.append(amplitude * np.sin(fast / amplitude * time + phase))
     roll, pitch, heading = angles
-    return _trajectory(posed(heading, pitch, roll), rate_hz)
+    return _trajectory(attitudes_of(heading, pitch, roll), rate_hz)
 
 
 def wobble(rng: Generator, *, seconds: float = 10.0, rate_hz: float = RATE_HZ, tilt_deg: float = 30.0) -> Trajectory:
@@ -284,7 +284,7 @@ def wobble(rng: Generator, *, seconds: float = 10.0, rate_hz: float = RATE_HZ, t
     time = _clock(count(round(seconds * rate_hz)), rate_hz)
     frequency, phase = rng.uniform(*WOBBLE_RANGE_HZ, (3, 1)), rng.uniform(0, 2 * np.pi, (3, 1))
     roll, pitch, heading = math.radians(tilt_deg) * np.sin(2 * np.pi * frequency * time + phase)
-    return _trajectory(posed(heading + rng.uniform(0, 2 * np.pi), pitch, roll), rate_hz)
+    return _trajectory(attitudes_of(heading + rng.uniform(0, 2 * np.pi), pitch, roll), rate_hz)
 
 
 def planar_sweeps(
@@ -312,7 +312,7 @@ def planar_sweeps(
     parts: list[Floats] = []
     for plane, rows in zip(planes, np.array_split(np.arange(n - over * (len(planes) - 1)), len(planes)), strict=True):
         heading = rng.uniform(0, 2 * np.pi) + np.linspace(0.0, 2 * np.pi * turns_each, len(rows), endpoint=False)
-        flat = posed(heading, 0.0, 0.0) @ np.eye(3)[list(order_of(cast("Plane", plane)))]
+        flat = attitudes_of(heading, 0.0, 0.0) @ np.eye(3)[list(axis_order(cast("Plane", plane)))]
         if parts and over and len(flat):
             parts.append(_interpolated_attitudes(parts[-1][-1], flat[0], over))
         parts.append(flat)
@@ -329,7 +329,7 @@ def _motion_of_attitudes(draw: Callable[..., Floats]) -> Callable[[Generator, Co
 
     def path(rng: Generator, course: Course) -> Path:
         attitudes = draw(rng, course.n, **_limits(course))
-        return Path(seen_from(attitudes, course.world), attitudes)
+        return Path(in_body_axes(attitudes, course.world), attitudes)
 
     return path
 
@@ -340,7 +340,9 @@ def _motion_in_time(draw: Callable[..., Trajectory], **options: object) -> Calla
     def path(rng: Generator, course: Course) -> Path:
         seconds = course.n / course.rate_hz
         turning = draw(rng, seconds=seconds, rate_hz=course.rate_hz, **options, **_limits(course))
-        return Path(seen_from(turning.attitudes, course.world), turning.attitudes, turning.rate, turning.acceleration)
+        return Path(
+            in_body_axes(turning.attitudes, course.world), turning.attitudes, turning.rate, turning.acceleration
+        )
 
     return path
 
@@ -352,11 +354,11 @@ def _limits(course: Course) -> dict[str, float]:
 
 MOTIONS: Final[Mapping[str, Motion]] = {
     "hand": Motion(_motion_in_time(hand_tumble), 60.0),
-    "uniform": Motion(_motion_of_directions(uniform)),
+    "uniform": Motion(_motion_of_directions(uniform_directions)),
     "tilted": Motion(_motion_of_attitudes(tilted), tilt_deg=35.0),
     "level": Motion(_motion_of_attitudes(level_turn)),
     "hemisphere": Motion(_motion_of_directions(hemisphere)),
-    "clumped": Motion(_motion_of_directions(clumped)),
+    "clumped": Motion(_motion_of_directions(clumped_directions)),
     "eight": Motion(_motion_in_time(figure_eight), 60.0),
     "drive": Motion(_motion_in_time(drive), 300.0, 6.0),
     "flight": Motion(_motion_in_time(flight), 300.0, 35.0),
@@ -384,7 +386,7 @@ def _trajectory(attitudes: Floats, rate_hz: float, acceleration: Floats | None =
 
 def _bounded_noise(rng: Generator, n: int, rate_hz: float, *, seconds: float) -> Floats:
     """(n, 3) smooth random numbers strictly between −1 and 1; `seconds` is the time constant of each filter."""
-    smooth = wandering(rng, n, math.exp(-1.0 / (rate_hz * seconds)))
+    smooth = smooth_noise(rng, n, math.exp(-1.0 / (rate_hz * seconds)))
     limited: Floats = np.tanh(1.2 * smooth / np.sqrt(np.mean(smooth**2)))
     return limited
 
@@ -402,7 +404,7 @@ def _interpolated_attitudes(first: Floats, last: Floats, n: int) -> Floats:
     return between
 
 
-def wandering(rng: Generator, n: int, memory: float) -> Floats:
+def smooth_noise(rng: Generator, n: int, memory: float) -> Floats:
     """(n, 3) white noise through two low-pass filters with the pole `memory`."""
     white = math.sqrt(1 - memory * memory) * rng.standard_normal((n + SETTLING_STEPS, 3))
     smooth = [_low_pass((1 - memory) * _low_pass(axis, memory), memory) for axis in white.T]

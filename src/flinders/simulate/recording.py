@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
-from flinders.arrays import frozen, triple
-from flinders.arrays import matrix as square
-from flinders.core.files import replacing
+from flinders.arrays import check_matrix as square
+from flinders.arrays import check_triple, read_only_copy
+from flinders.core.files import open_atomically
 from flinders.core.named_columns import are_words
 from flinders.core.samples import Samples
 from flinders.core.short_repr import ShortRepr
@@ -27,7 +27,7 @@ from flinders.errors import UsageError
 from flinders.geometry.rotation import best_rotation
 from flinders.geometry.sphere import fibonacci
 from flinders.simulate._checks import count, not_negative, positive, share
-from flinders.simulate.attitudes import north_and_down, seen_from
+from flinders.simulate.attitudes import in_body_axes, north_and_down
 from flinders.simulate.disturbances import Effect, stray_fields
 from flinders.simulate.motions import GRAVITY, MOTIONS, RATE_HZ, Course, Motion, Path
 from flinders.simulate.sensor import Sensor, symmetric_power
@@ -71,7 +71,7 @@ class Imu:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        object.__setattr__(self, "gyro_bias", frozen(triple(self.gyro_bias, "gyro_bias")))
+        object.__setattr__(self, "gyro_bias", read_only_copy(check_triple(self.gyro_bias, "gyro_bias")))
         not_negative(self.gyro_noise, "gyro_noise", "rad/s")
         not_negative(self.acceleration_noise, "acceleration_noise", "m/s²")
 
@@ -190,7 +190,7 @@ def specific_force(
     >>> specific_force(np.eye(3)[np.newaxis], np.random.default_rng(0)).round(1)
     array([[ 0. ,  -0. ,  -9.8]])
     """
-    felt = seen_from(attitudes, np.array([0.0, 0.0, -GRAVITY]))
+    felt = in_body_axes(attitudes, np.array([0.0, 0.0, -GRAVITY]))
     if acceleration is not None:
         felt = felt + np.einsum("nji,nj->ni", attitudes, acceleration)
     return felt + rng.normal(0.0, noise, felt.shape)
@@ -222,7 +222,7 @@ def angle_error_deg(
     root = symmetric_power(square(matrix).T @ square(matrix), 0.5)
     true = fibonacci(400)
     raw = truth.field_strength * true @ truth.sensor.matrix.T + truth.sensor.offset
-    corrected = (raw - triple(offset)) @ root
+    corrected = (raw - check_triple(offset)) @ root
     if rotation == "best":
         corrected = corrected @ best_rotation(corrected, true).T
     across = np.linalg.norm(np.cross(corrected, true), axis=1)
@@ -355,6 +355,6 @@ def _cells(values: NDArray[Any]) -> list[str]:
 
 
 def write_csv(samples: Samples, path: str | os.PathLike[str], *, force: bool = False) -> None:
-    """Write a recording, completely or not at all; raises as `flinders.core.files.replacing`."""
-    with replacing(path, force=force) as file:
+    """Write a recording, completely or not at all; raises as `flinders.core.files.open_atomically`."""
+    with open_atomically(path, force=force) as file:
         file.writelines(f"{line}\n" for line in lines(samples))

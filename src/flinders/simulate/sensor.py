@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.arrays import Floats, frozen, table, triple
-from flinders.arrays import matrix as square
+from flinders.arrays import Floats, check_table, check_triple, read_only_copy
+from flinders.arrays import check_matrix as square
 from flinders.core.short_repr import ShortRepr
 from flinders.errors import ArrayError, UsageError
 from flinders.simulate._checks import not_negative
@@ -57,8 +57,8 @@ class Sensor(ShortRepr):
 
     def __post_init__(self) -> None:
         """Check the numbers and store read-only copies of the arrays."""
-        object.__setattr__(self, "matrix", frozen(_require_right_handed(square(self.matrix))))
-        object.__setattr__(self, "offset", frozen(triple(self.offset)))
+        object.__setattr__(self, "matrix", read_only_copy(_require_right_handed(square(self.matrix))))
+        object.__setattr__(self, "offset", read_only_copy(check_triple(self.offset)))
         not_negative(self.noise, "noise", "µT")
         for name, value in (("resolution", self.resolution), ("saturation", self.saturation)):
             if value is not None and not (math.isfinite(value) and value > 0):
@@ -114,7 +114,7 @@ class Sensor(ShortRepr):
         The count of random numbers does not depend on `noise`. `shift`, (N, 3) µT, is added to the readings for other
         disturbances. A wrong shape or values that are not finite raise `ArrayError`.
         """
-        true = table(field)
+        true = check_table(field)
         raw = true @ self.matrix.T + self.offset + self.noise * rng.standard_normal(true.shape)
         if shift is not None:
             raw = raw + shift

@@ -22,7 +22,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta, Struct
 
-from flinders.core.calibration_file import Count, NotNegative, Positive, Triple, gaps, understood
+from flinders.core.calibration_file import Count, NotNegative, Positive, Triple, nonfinite_places, parse_document
 from flinders.core.files import read_bytes, write_text
 from flinders.core.json_layout import lay_out
 from flinders.errors import UnreadableInput, UsageError
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 SUFFIX: Final = ".truth.json"
 """Suffix of the file, in place of that of the recording."""
 
-LARGEST: Final = 2**20
+MAX_BYTES: Final = 2**20
 """Largest size of a file, which has about 2,000 bytes; larger files are not read into memory."""
 
 
@@ -150,13 +150,13 @@ def truth_path(recording: str | os.PathLike[str]) -> str:
 
 def read(path: str | os.PathLike[str]) -> Truth:
     """Read the truth of a recording; `UnreadableInput` for a file that cannot be opened or is another one."""
-    text = read_bytes(path, largest=LARGEST, what="truth of a recording", refused=UnreadableInput)
+    text = read_bytes(path, largest=MAX_BYTES, what="truth of a recording", refused=UnreadableInput)
     return loads(text, source=os.fspath(path))
 
 
 def loads(text: str | bytes, *, source: str = "truth") -> Truth:
     """Parse the text of such a file; `source` is its name in the `UnreadableInput` for errors."""
-    return understood(
+    return parse_document(
         text, Truth, source, what="the truth of a recording, as `flinders simulate` writes it", refused=UnreadableInput
     )
 
@@ -164,7 +164,7 @@ def loads(text: str | bytes, *, source: str = "truth") -> Truth:
 def dumps(truth: Truth) -> str:
     """Text of the file, from which numbers are read bitwise equal; `UsageError` for numbers that are not finite."""
     content = truth.as_dict()
-    for place in gaps(content):
+    for place in nonfinite_places(content):
         raise UsageError(f"truth: {place} is not finite: only finite numbers are written")
     return lay_out(content) + "\n"
 

@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Final, Literal, get_args
 import numpy as np
 
 from flinders.simulate._checks import count
-from flinders.simulate.attitudes import rates, seen_from, turns
-from flinders.simulate.motions import LEAN_TIME_CONSTANT_S, RATE_HZ, Motion, Path, Trajectory, wandering
+from flinders.simulate.attitudes import in_body_axes, rates, turns
+from flinders.simulate.motions import LEAN_TIME_CONSTANT_S, RATE_HZ, Motion, Path, Trajectory, smooth_noise
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -89,7 +89,7 @@ def turn_sequence(
     n = count(round(seconds * rate_hz))
     time = np.arange(n, dtype=np.float64) / rate_hz
     heading, lean = _heading_and_lean(sequence, time / max(seconds, 1.0 / rate_hz))
-    sway = wandering(rng, n, math.exp(-1.0 / (rate_hz * LEAN_TIME_CONSTANT_S))) * [1.0, 1.0, 0.0]
+    sway = smooth_noise(rng, n, math.exp(-1.0 / (rate_hz * LEAN_TIME_CONSTANT_S))) * [1.0, 1.0, 0.0]
     sway *= math.radians(sway_deg) / math.sqrt(float(np.mean(sway[:, :2] ** 2)))
     turned = turns(np.outer(heading + rng.uniform(0.0, 2.0 * np.pi), [0.0, 0.0, 1.0]))
     attitudes = turned @ turns(lean) @ turns(sway)
@@ -102,7 +102,7 @@ def sequence_motion(sequence: Sequence[PoseTurn], *, sway_deg: float) -> Motion:
     def draw(rng: Generator, course: Course) -> Path:
         seconds = course.n / course.rate_hz
         turning = turn_sequence(rng, sequence, seconds=seconds, rate_hz=course.rate_hz, sway_deg=sway_deg)
-        return Path(seen_from(turning.attitudes, course.world), turning.attitudes, turning.rate)
+        return Path(in_body_axes(turning.attitudes, course.world), turning.attitudes, turning.rate)
 
     return Motion(draw)
 

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Final, Self, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from flinders.arrays import Floats, column, table
+from flinders.arrays import Floats, check_column, check_table
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -77,8 +77,8 @@ class Cloud:
         side : float, optional
             Side of a cell; by default `natural_side` of these readings.
         """
-        readings = table(field)
-        times = None if time is None else column(time, len(readings), "time")
+        readings = check_table(field)
+        times = None if time is None else check_column(time, len(readings), "time")
         if not len(readings):
             return cls.empty()
         side = natural_side(readings) if side is None else side
@@ -93,7 +93,7 @@ class Cloud:
         if not len(self):
             return type(self)(other.side, *other._columns)
         side = max(self.side, other.side)
-        a, b = self._coarsened(side), other._coarsened(side)
+        a, b = self._coarsen(side), other._coarsen(side)
         keys, counts, sums, first, last = (np.concatenate(pair) for pair in zip(a._columns, b._columns, strict=True))
         return type(self)(side, *_merge_rows(keys, counts, sums, first, last))._limit_cells()
 
@@ -115,10 +115,10 @@ class Cloud:
         """The same readings in at most `MAX_CELLS` cells."""
         cloud = self
         while len(cloud) > MAX_CELLS:
-            cloud = cloud._coarsened(2.0 * cloud.side)
+            cloud = cloud._coarsen(2.0 * cloud.side)
         return cloud
 
-    def _coarsened(self, side: float) -> Self:
+    def _coarsen(self, side: float) -> Self:
         """The same readings in larger cells; `side` is a power of two times the present side."""
         if side == self.side:
             return self

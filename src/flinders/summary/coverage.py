@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 from flinders.errors import NeedsRecording
-from flinders.geometry.ellipsoid import centred
-from flinders.geometry.sphere import around_z
+from flinders.geometry.ellipsoid import subtract_centre
+from flinders.geometry.sphere import from_longitudes
 from flinders.native.engine import engine
 
 if TYPE_CHECKING:
@@ -40,10 +40,10 @@ def _cell_centres() -> Floats:
     heights[[0, -1]] = 1.0, -1.0
     z = np.repeat(heights, BAND_CELLS)
     longitude = 2.0 * np.pi * np.concatenate([(np.arange(n) + 0.5) / n for n in BAND_CELLS])
-    return around_z(z, longitude)
+    return from_longitudes(z, longitude)
 
 
-CELLS: Final = _cell_centres()
+CELL_CENTRES: Final = _cell_centres()
 """(100, 3) centres of the cells: a cap, bands of 15, 34, 34 and 15 cells, a cap; each is 1/100 of the sphere."""
 
 
@@ -51,7 +51,7 @@ CELLS: Final = _cell_centres()
 class Coverage:
     """Number of readings by direction, in 100 cells of equal area."""
 
-    #: (100,): number of readings in each of `CELLS`; None if read from a calibration file, which has no readings
+    #: (100,): number of readings in each of `CELL_CENTRES`; None if read from a calibration file, which has no readings
     by_cell: Floats | None = None
     #: (3,): unit vector, corrected sensor axes: the centre of the largest gap
     hole: Floats = field(default_factory=lambda: np.full(3, math.nan))
@@ -75,7 +75,7 @@ class Coverage:
         return cls(None, hole, numbers.get("hole_deg", math.nan), numbers.get("fraction", math.nan))
 
     @classmethod
-    def through(cls, cloud: Cloud, ellipsoid: Ellipsoid, *, within: float = np.inf) -> Self:
+    def of_cloud(cls, cloud: Cloud, ellipsoid: Ellipsoid, *, within: float = np.inf) -> Self:
         """Project the cells of a cloud onto the sphere by the correction of an ellipsoid.
 
         Cells that are farther from the ellipsoid than `within` plus their size hold rejected readings and are left out.
@@ -92,7 +92,7 @@ class Coverage:
 
     @property
     def counts(self) -> Floats:
-        """(100,) number of readings in each of `CELLS`.
+        """(100,) number of readings in each of `CELL_CENTRES`.
 
         Raises `NeedsRecording` if the coverage is from a calibration file.
         """
@@ -116,15 +116,15 @@ class Coverage:
         The sign follows from the mean direction of a recording that is mostly upright or mostly upside down. In a
         recording of all directions either sign gives the same heading error. With few directions the sign is random.
         """
-        return engine().facing(self.counts, dip_deg)[0]
+        return engine().signed_dip(self.counts, dip_deg)[0]
 
     def raw_strength(self, ellipsoid: Ellipsoid) -> tuple[float, float]:
         """Mean length of raw readings over the recorded directions, and its standard deviation relative to the mean."""
-        return self._strength(ellipsoid.centre + CELLS @ ellipsoid.shape)
+        return self._strength(ellipsoid.centre + CELL_CENTRES @ ellipsoid.shape)
 
     def corrected_strength(self, ellipsoid: Ellipsoid, calibration: Calibration) -> tuple[float, float]:
         """Mean length of corrected readings over the recorded directions, and its relative standard deviation."""
-        return self._strength(calibration.affine.apply(ellipsoid.centre + CELLS @ ellipsoid.shape))
+        return self._strength(calibration.affine.apply(ellipsoid.centre + CELL_CENTRES @ ellipsoid.shape))
 
     def _strength(self, readings: Floats) -> tuple[float, float]:
         """Mean length of (100, 3) readings, one for each cell, weighted by `counts`, and its relative deviation."""
@@ -171,24 +171,24 @@ class RecordCoverage(Coverage):
 
     @cached_property
     def counts(self) -> Floats:
-        """(100,) number of readings in each of `CELLS`."""
+        """(100,) number of readings in each of `CELL_CENTRES`."""
         summary, ellipsoid, within = vars(self)["_source"]
-        return Coverage.through(summary.cloud, ellipsoid, within=within).counts
+        return Coverage.of_cloud(summary.cloud, ellipsoid, within=within).counts
 
     def __reduce__(self) -> tuple[type[Coverage], tuple[Floats, Floats, float]]:
         """Pickle and copy without the readings."""
         return Coverage, (self.counts, self.hole, self.hole_deg)
 
 
-def directions_of(readings: Floats, ellipsoid: Ellipsoid) -> Floats:
+def corrected_directions(readings: Floats, ellipsoid: Ellipsoid) -> Floats:
     """(K, 3) unit vectors of (K, 3) readings after the correction of an ellipsoid."""
-    corrected = np.linalg.inv(ellipsoid.shape) @ centred(readings, ellipsoid.centre)
+    corrected = np.linalg.inv(ellipsoid.shape) @ subtract_centre(readings, ellipsoid.centre)
     lengths = np.sqrt(np.einsum("ij,ij->j", corrected, corrected))
     corrected /= np.where(lengths > 0.0, lengths, 1.0)
     directions: Floats = np.ascontiguousarray(corrected.T)
     return directions
 
 
-def cells_of(directions: Floats) -> NDArray[np.int64]:
+def cell_indices(directions: Floats) -> NDArray[np.int64]:
     """(K,) index of the cell of each of (K, 3) unit vectors."""
-    return engine().cells_of(directions).astype(np.int64)
+    return engine().cell_indices(directions).astype(np.int64)

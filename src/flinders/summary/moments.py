@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.arrays import Floats, column, table
-from flinders.core.samples import BLOCK
+from flinders.arrays import Floats, check_column, check_table
+from flinders.core.samples import BLOCK_ROWS
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -36,21 +36,21 @@ EXPONENTS: Final = np.array(
 
 DEGREES: Final = EXPONENTS.sum(axis=1)
 
-FORMS: Final = np.array(
+QUADRIC_EXPONENTS: Final = np.array(
     [(2, 0, 0), (0, 2, 0), (0, 0, 2), (1, 1, 0), (1, 0, 1), (0, 1, 1), (1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 0)]
 )
 """(10, 3) int: powers of the monomials of a quadric, x², y², z², xy, xz, yz, x, y, z, 1."""
 
-TWICE: Final = np.array([1, 1, 1, 2, 2, 2, 1, 1, 1, 1.0])
+MIXED_TERM_FACTORS: Final = np.array([1, 1, 1, 2, 2, 2, 1, 1, 1, 1.0])
 """(10,) factors of the monomials in xᵀQx + lᵀx + d: mixed terms occur twice."""
 
 SMALLEST_UNIT: Final = 2.0**-1000
 
 _EXPONENT_INDEX: Final = {tuple(e): i for i, e in enumerate(EXPONENTS.tolist())}
 _PRODUCT_INDEX: Final = np.array(
-    [[_EXPONENT_INDEX[tuple(row)] for row in np.add(form, FORMS).tolist()] for form in FORMS]
+    [[_EXPONENT_INDEX[tuple(row)] for row in np.add(form, QUADRIC_EXPONENTS).tolist()] for form in QUADRIC_EXPONENTS]
 )
-_FACTOR_PRODUCTS: Final = np.outer(TWICE, TWICE)
+_FACTOR_PRODUCTS: Final = np.outer(MIXED_TERM_FACTORS, MIXED_TERM_FACTORS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,22 +80,22 @@ class Moments:
         weight : (N,) array-like, optional
             Relative weight of each reading, by default 1.
         """
-        readings = table(field)
-        weights = None if weight is None else column(weight, len(readings), "weight")
+        readings = check_table(field)
+        weights = None if weight is None else check_column(weight, len(readings), "weight")
         if not len(readings):
             return cls.empty()
         unit = power_of_two_above(max(float(readings.max()), -float(readings.min())))
         sums = np.zeros(35)
-        room = np.empty((10, min(len(readings), BLOCK)))
-        for start in range(0, len(readings), BLOCK):
-            rows = slice(start, start + BLOCK)
+        room = np.empty((10, min(len(readings), BLOCK_ROWS)))
+        for start in range(0, len(readings), BLOCK_ROWS):
+            rows = slice(start, start + BLOCK_ROWS)
             monomials = _monomials(readings[rows].T, unit, room)
             sums += _block_sums(monomials, None if weights is None else weights[rows])
         return cls(sums, unit)
 
     def __add__(self, other: Moments) -> Self:
         unit = max(self.unit, other.unit)
-        return replace(self, sums=self._in(unit) + other._in(unit), unit=unit)
+        return replace(self, sums=self._convert_unit(unit) + other._convert_unit(unit), unit=unit)
 
     def __sub__(self, other: Moments) -> Self:
         """Remove readings that were added before."""
@@ -158,7 +158,7 @@ class Moments:
         scatter: Floats = shift @ self.sums[_PRODUCT_INDEX] @ shift.T * _FACTOR_PRODUCTS
         return scatter
 
-    def _in(self, unit: float) -> Floats:
+    def _convert_unit(self, unit: float) -> Floats:
         """Sums in a larger unit, exact."""
         return self.sums if unit == self.unit else self.sums * (self.unit / unit) ** DEGREES
 
@@ -199,7 +199,7 @@ def _block_sums(monomials: Floats, weight: Floats | None) -> Floats:
     return sums
 
 
-_BLOCK_FORMS: Final = FORMS[[9, 6, 7, 8, 0, 1, 2, 3, 4, 5]]
+_BLOCK_FORMS: Final = QUADRIC_EXPONENTS[[9, 6, 7, 8, 0, 1, 2, 3, 4, 5]]
 _FROM_BLOCK: Final = np.array(
     [
         next(
@@ -222,5 +222,5 @@ def _shift_matrix(origin: Floats, scale: float) -> Floats:
     shift[4, 6], shift[4, 8] = -z, -x
     shift[5, 7], shift[5, 8] = -z, -y
     shift[6:9, 9] = -origin
-    scaled: Floats = shift * (float(scale) ** -FORMS.sum(axis=1, dtype=float))[:, np.newaxis]
+    scaled: Floats = shift * (float(scale) ** -QUADRIC_EXPONENTS.sum(axis=1, dtype=float))[:, np.newaxis]
     return scaled

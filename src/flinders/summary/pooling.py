@@ -27,12 +27,12 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
 
-DEPENDENT: Final = 1e-13
+MIN_EIGENVALUE_SHARE: Final = 1e-13
 """Eigenvalue of a correlation matrix, relative to the largest, below which a combination of parameters is fixed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pooled:
+class PooledEstimate:
     """Pooled mean of n estimates of K parameters."""
 
     mean: Floats  #: (K,): weighted with the inverse covariances
@@ -45,15 +45,15 @@ class Pooled:
     @property
     def p_value(self) -> float:
         """Probability of an equal or larger chi-square by chance."""
-        return chance_of(self.chi_square, self.freedom)
+        return p_value_of(self.chi_square, self.freedom)
 
     @property
-    def predicted(self) -> Floats:
+    def prediction_scatter(self) -> Floats:
         """(K, K) covariance that the scatter adds if the mean is used for the next recording: S (1 + 1/n)."""
         return self.scatter * (1.0 + 1.0 / self.count)
 
 
-def pool(estimates: Sequence[Floats], covariances: Sequence[Floats]) -> Pooled:
+def pool(estimates: Sequence[Floats], covariances: Sequence[Floats]) -> PooledEstimate:
     """Pool independent estimates by their claimed covariances.
 
     With Λᵢ = Pᵢ⁻¹, Λ their mean and dᵢ = θᵢ − θ̄, chi-square is Σ dᵢᵀΛᵢdᵢ, with ν = (n − 1)·K degrees of freedom. The
@@ -75,20 +75,24 @@ def pool(estimates: Sequence[Floats], covariances: Sequence[Floats]) -> Pooled:
     whole = precisions.mean(axis=0)
     inverse = _inverse(whole)
     mean = inverse @ voices.mean(axis=0)
-    count, rank = len(estimates), int(np.linalg.matrix_rank(whole, tol=DEPENDENT * _largest(whole)))
+    count, rank = len(estimates), int(np.linalg.matrix_rank(whole, tol=MIN_EIGENVALUE_SHARE * _largest(whole)))
     apart = (np.stack(estimates) - origin) / scale - mean
     chi_square, freedom = float(np.einsum("ni,nij,nj", apart, precisions, apart)), (count - 1) * rank
     beyond = np.einsum("ij,njk,nk->ni", inverse, precisions, apart)
     excess = max(0.0, 1.0 - freedom / chi_square) if chi_square > 0.0 else 0.0
     scatter = excess * beyond.T @ beyond / max(count - 1, 1)
     squares = np.outer(scale, scale)
-    return Pooled(origin + mean * scale, inverse / count * squares, scatter * squares, chi_square, freedom, count)
+    return PooledEstimate(
+        origin + mean * scale, inverse / count * squares, scatter * squares, chi_square, freedom, count
+    )
 
 
-def each_from_the_others(estimates: Sequence[Floats], covariances: Sequence[Floats]) -> Iterator[tuple[Floats, Floats]]:
+def differences_from_others(
+    estimates: Sequence[Floats], covariances: Sequence[Floats]
+) -> Iterator[tuple[Floats, Floats]]:
     """Yield the difference of each estimate from the weighted mean of the others, and its claimed covariance.
 
-    >>> off, covariance = next(each_from_the_others([np.array([1.0]), np.array([0.0])], [np.eye(1), np.eye(1)]))
+    >>> off, covariance = next(differences_from_others([np.array([1.0]), np.array([0.0])], [np.eye(1), np.eye(1)]))
     >>> off, covariance
     (array([1.]), array([[2.]]))
     """
@@ -113,14 +117,14 @@ def chi_squares(differences: Floats, covariances: Floats) -> tuple[Floats, Float
     is_free = sigma > 0.0
     scale = np.where(is_free, sigma, 1.0)
     values, axes = np.linalg.eigh(covariances / (scale[:, :, np.newaxis] * scale[:, np.newaxis]))
-    is_independent = values > DEPENDENT * values[:, -1:]
+    is_independent = values > MIN_EIGENVALUE_SHARE * values[:, -1:]
     along = np.einsum("nji,nj->ni", axes, np.where(is_free, differences / scale, 0.0))
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
         squares = np.where(is_independent, along**2 / values, 0.0).sum(axis=1)
     return squares, is_independent.sum(axis=1).astype(float)
 
 
-def chance_of(chi_square: float, freedom: int, others: float = math.inf) -> float:
+def p_value_of(chi_square: float, freedom: int, others: float = math.inf) -> float:
     """Probability of an equal or larger chi-square by chance.
 
     The cube root of chi-square is nearly normal: Wilson and Hilferty, The distribution of chi-square, PNAS 17 (1931)
@@ -139,9 +143,9 @@ def chance_of(chi_square: float, freedom: int, others: float = math.inf) -> floa
 
     Examples
     --------
-    >>> round(chance_of(16.919, 9), 3), chance_of(0.0, 9), chance_of(1.0, 0)
+    >>> round(p_value_of(16.919, 9), 3), p_value_of(0.0, 9), p_value_of(1.0, 0)
     (0.05, 1.0, 1.0)
-    >>> round(chance_of(4 * 2.866, 4, others=20.0), 3)
+    >>> round(p_value_of(4 * 2.866, 4, others=20.0), 3)
     0.05
     """
     if freedom == 0 or chi_square <= 0.0:
@@ -164,8 +168,8 @@ def _precisions(estimates: Sequence[Floats], covariances: Sequence[Floats]) -> t
 
 
 def _inverse(matrix: Floats) -> Floats:
-    """Pseudo-inverse of a symmetric matrix, without eigenvalues below `DEPENDENT` times the largest."""
-    return np.linalg.pinv(matrix, rcond=DEPENDENT, hermitian=True)
+    """Pseudo-inverse of a symmetric matrix, without eigenvalues below `MIN_EIGENVALUE_SHARE` times the largest."""
+    return np.linalg.pinv(matrix, rcond=MIN_EIGENVALUE_SHARE, hermitian=True)
 
 
 def _largest(matrix: Floats) -> float:

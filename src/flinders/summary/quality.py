@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.core.samples import added
+from flinders.core.samples import merge_skipped
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -32,7 +32,7 @@ RAIL_SHARE, RAIL_COUNT, RAIL_WIDTH = 0.01, 8, 0.25
 Smallest fraction and number of readings at the end of an axis, and their smallest range along the other axes relative
 to the range of all readings."""
 
-RAIL_CONTRAST: Final = 3
+MIN_RAIL_CONTRAST: Final = 3
 """Smallest ratio of the number of readings at the end of an axis to that at the next value for a rail.
 
 With coarse steps both numbers are similar. Of 1,400 unsaturated turns by hand in steps of 0.15 to 8 µT two are called
@@ -63,10 +63,10 @@ class Lows:
     @classmethod
     def of(cls, readings: Floats) -> Self:
         """Statistics of (N, 3) readings, N > 0."""
-        return cls.along(np.ascontiguousarray(readings.T))
+        return cls.of_axes(np.ascontiguousarray(readings.T))
 
     @classmethod
-    def along(cls, axes: Floats) -> Self:
+    def of_axes(cls, axes: Floats) -> Self:
         """Statistics of (3, N) readings, contiguous by axis, N > 0."""
         values = axes.min(axis=1)
         is_lowest = axes == values[:, np.newaxis]
@@ -220,7 +220,7 @@ class TimeStamps:
 
     def __add__(self, other: TimeStamps) -> TimeStamps:
         """Append the next block of the same recording; the time between both blocks is a step."""
-        both = self.merged(other)
+        both = self.merge(other)
         step = other.start - self.end
         if np.isnan(step):
             return both
@@ -232,7 +232,7 @@ class TimeStamps:
             backward_steps=both.backward_steps + (step < 0.0),
         )
 
-    def merged(self, other: TimeStamps) -> TimeStamps:
+    def merge(self, other: TimeStamps) -> TimeStamps:
         """Merge with a separate recording; the time between both is not a step."""
         return TimeStamps(
             start=other.start if np.isnan(self.start) else self.start,
@@ -244,7 +244,7 @@ class TimeStamps:
         )
 
     @property
-    def usual_step(self) -> float:
+    def mean_step(self) -> float:
         """Mean step in s; 0 without times."""
         return self.seconds / max(self.steps, 1)
 
@@ -288,8 +288,8 @@ class DataQuality:
             path=Steps.of(axes),
             first=readings[0].copy(),
             last=readings[-1].copy(),
-            lows=Lows.along(axes),
-            highs=Lows.along(-axes),
+            lows=Lows.of_axes(axes),
+            highs=Lows.of_axes(-axes),
             seen=DistinctReadings.of(readings),
             clock=TimeStamps.of(samples.time),
             skipped=samples.skipped,
@@ -297,12 +297,12 @@ class DataQuality:
 
     def __add__(self, other: DataQuality) -> Self:
         """Append the next block of the same recording."""
-        both = self.merged(other)
+        both = self.merge(other)
         repeats = both.repeats + int(np.array_equal(self.last, other.first))
         seam = Steps.of(np.stack([self.last, other.first], axis=1)) if self.rows and other.rows else Steps()
         return replace(both, repeats=repeats, path=both.path + seam, clock=self.clock + other.clock)
 
-    def merged(self, other: DataQuality) -> Self:
+    def merge(self, other: DataQuality) -> Self:
         """Merge with a separate recording; its first reading does not follow the last one of this recording."""
         return type(self)(
             rows=self.rows + other.rows,
@@ -313,8 +313,8 @@ class DataQuality:
             lows=self.lows + other.lows,
             highs=self.highs + other.highs,
             seen=self.seen + other.seen,
-            clock=self.clock.merged(other.clock),
-            skipped=added(self.skipped, other.skipped),
+            clock=self.clock.merge(other.clock),
+            skipped=merge_skipped(self.skipped, other.skipped),
         )
 
     @property
@@ -334,7 +334,7 @@ class DataQuality:
         return tuple(
             Rail(axis, end, sign * float(ends.values[axis]), float(ends.counts[axis]) / self.rows)
             for end, sign, ends, axis in self._shared_ends()
-            if ends.counts[axis] > RAIL_CONTRAST * ends.next_counts[axis]
+            if ends.counts[axis] > MIN_RAIL_CONTRAST * ends.next_counts[axis]
         )
 
     @property
@@ -344,7 +344,7 @@ class DataQuality:
             (
                 float(ends.next_values[axis] - ends.values[axis])
                 for _, _, ends, axis in self._shared_ends()
-                if ends.counts[axis] <= RAIL_CONTRAST * ends.next_counts[axis]
+                if ends.counts[axis] <= MIN_RAIL_CONTRAST * ends.next_counts[axis]
             ),
             default=0.0,
         )

@@ -38,7 +38,7 @@ _BLOCK_READINGS: Final = 65536
 FLAT_RATIO, MAX_FLAT_RATIO = 0.01, 0.2
 """Ratio of thickness to width below which readings are always flat, and above which they are never flat."""
 
-FLAT_NOISE: Final = 1.5
+MAX_FLAT_NOISE_RATIO: Final = 1.5
 """Ratio of thickness to noise below which readings are flat."""
 
 
@@ -71,12 +71,12 @@ class Summary:
         return cls(_sum_moments(samples), _sum_cloud(samples, side), _sum_quality(samples))
 
     @classmethod
-    def through(cls, recording: Recording) -> Summary:
+    def of_recording(cls, recording: Recording) -> Summary:
         """Summarise a recording block by block, in one pass and in bounded memory."""
-        return cls.over(recording.blocks())
+        return cls.of_blocks(recording.blocks())
 
     @classmethod
-    def over(cls, blocks: Iterable[Samples]) -> Summary:
+    def of_blocks(cls, blocks: Iterable[Samples]) -> Summary:
         """Summarise blocks of one recording."""
         whole: Summary = cls.empty()
         side = None
@@ -87,7 +87,7 @@ class Summary:
         return whole
 
     @classmethod
-    def deferred(cls, samples: Samples) -> Summary:
+    def lazy(cls, samples: Samples) -> Summary:
         """Make a summary of samples in memory, each part of which is computed at its first use."""
         return _LazySummary(samples)
 
@@ -122,9 +122,9 @@ class Summary:
         """Append the next block of the same recording."""
         return Summary(self.moments + other.moments, self.cloud + other.cloud, self.health + other.health)
 
-    def combined(self, other: Summary) -> Summary:
+    def merge(self, other: Summary) -> Summary:
         """Merge with the summary of a separate recording."""
-        return Summary(self.moments + other.moments, self.cloud + other.cloud, self.health.merged(other.health))
+        return Summary(self.moments + other.moments, self.cloud + other.cloud, self.health.merge(other.health))
 
     def forget(self, factor: float) -> Summary:
         """Multiply the weight of all readings by a factor below 1; at each block this gives exponential forgetting."""
@@ -193,13 +193,13 @@ def _blocks(samples: Samples) -> Iterable[Samples]:
     return samples.blocks(_BLOCK_READINGS) if len(samples) > _BLOCK_READINGS else [samples]
 
 
-def is_flat(principal_variances: Floats, noise: float, *, within: float = FLAT_NOISE) -> bool:
+def is_flat(principal_variances: Floats, noise: float, *, within: float = MAX_FLAT_NOISE_RATIO) -> bool:
     """Whether readings lie in one plane, as in a level turn, by their (3,) ascending principal variances."""
     thickness, width = np.sqrt(principal_variances[[0, 2]]).tolist()
     return bool(thickness < flat_below(width, noise, within=within))
 
 
-def flat_below(width: float, noise: float, *, within: float = FLAT_NOISE) -> float:
+def flat_below(width: float, noise: float, *, within: float = MAX_FLAT_NOISE_RATIO) -> float:
     """Thickness below which readings are flat, 1 σ; `width` is the standard deviation along their longest axis.
 
     Readings without width, all equal or so large that only rounding remains, are never flat.

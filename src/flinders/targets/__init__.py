@@ -38,10 +38,10 @@ __all__ = [
     "Written",
     "YawFilter",
     "find",
+    "find_accepting",
     "mounting_table",
     "read_back",
     "registry",
-    "taking",
 ]
 
 LISTED_FIRST: Final = (
@@ -93,7 +93,9 @@ def mounting_table(target: Target) -> MountingTable:
     return target.mountings
 
 
-def taking(name: str, *, compass: int | None = None, code_name: str | None = None, noise: bool = False) -> Target:
+def find_accepting(
+    name: str, *, compass: int | None = None, code_name: str | None = None, noise: bool = False
+) -> Target:
     """Find a target as `find`, and raise `UsageError` for an option that it does not accept.
 
     The options are the number of a compass, a name in generated code, and the noise for an estimator.

@@ -1,6 +1,6 @@
 """Templates of generated code: functions in C, for a sketch and for MicroPython, with placeholders for the numbers.
 
->>> print(GROWN.format(gain="0.01f", key="current", reference="5.0f"))
+>>> print(C_GAIN.format(gain="0.01f", key="current", reference="5.0f"))
     for (axis = 0; axis < 3; axis++) {
         corrected[axis] /= (1.0f + 0.01f * (current - 5.0f));
     }
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import Final
 
-FLOAT: Final = """\
+C_FLOAT: Final = """\
 static const float {name}_matrix[3][3] = {{
 {rows}
 }};
@@ -28,7 +28,7 @@ static inline void {name}_correct(const float raw[3], float corrected[3])
         corrected[row] = {name}_matrix[row][0] * x + {name}_matrix[row][1] * y + {name}_matrix[row][2] * z;
     }}
 }}"""
-DRIVEN: Final = """
+C_DISTURBED: Final = """
 /* {name}_correct() for other values of {known} than their references. */
 static inline void {name}_correct_at(const float raw[3], {arguments}, float corrected[3])
 {{
@@ -38,22 +38,22 @@ static inline void {name}_correct_at(const float raw[3], {arguments}, float corr
         settled[axis] = raw[axis]{terms};
     }}
     {name}_correct(settled, corrected);"""
-GROWN: Final = """\
+C_GAIN: Final = """\
     for (axis = 0; axis < 3; axis++) {{
         corrected[axis] /= (1.0f + {gain} * ({key} - {reference}));
     }}"""
-SKETCH_DRIVEN: Final = """
+SKETCH_DISTURBED: Final = """
 // {function}Magnetometer() for other values of {known} than their references.
 void {function}MagnetometerAt(float &x, float &y, float &z, {arguments}) {{
 {terms}
   {function}Magnetometer(x, y, z);{grown}
 }}"""
-SKETCH_GROWN: Final = """
+SKETCH_GAIN: Final = """
   const float grown = {factors};
   x /= grown;
   y /= grown;
   z /= grown;"""
-MODULE_DRIVEN: Final = """
+MODULE_DISTURBED: Final = """
 
 def correct_at(raw, {arguments}):
     \"""correct() for other values of {known} than their references.\"""
@@ -186,7 +186,7 @@ def dip_is_off(corrected, acceleration):
     down = -(x * ax + y * ay + z * az)
     both = (x * x + y * y + z * z) * (ax * ax + ay * ay + az * az)
     return not {low} * both <= down * abs(down) <= {high} * both"""
-FIXED: Final = """\
+C_FIXED_POINT: Final = """\
 #include <stdint.h>
 
 /* In units of 2^-{shift}. */

@@ -1,6 +1,6 @@
 """Names and numbers in generated code.
 
->>> digits(0.1, "f"), begun("flinders", "Mast, top")
+>>> digits(0.1, "f"), name_prefix("flinders", "Mast, top")
 ('0.100000001f', 'Mast_top')
 """
 
@@ -41,12 +41,12 @@ def float32s(values: Iterable[float], suffix: str = "") -> str:
     return ", ".join(digits(value, suffix) for value in values)
 
 
-def begun(usual: str, name: str | None) -> str:
+def name_prefix(usual: str, name: str | None) -> str:
     """Prefix of names in generated code: `usual`, or letters and digits of the requested `name`.
 
     Other characters become ``_``. A name that is empty or too long after that raises `UsageError`.
 
-    >>> begun("flinders", None), begun("flinders", "Mast, top"), begun("flinders", "2nd compass")
+    >>> name_prefix("flinders", None), name_prefix("flinders", "Mast, top"), name_prefix("flinders", "2nd compass")
     ('flinders', 'Mast_top', 'mag_2nd_compass')
     """
     if name is None:
@@ -63,13 +63,13 @@ def begun(usual: str, name: str | None) -> str:
     return word
 
 
-def guarded(word: str, body: Sequence[str]) -> list[str]:
+def add_guard(word: str, body: Sequence[str]) -> list[str]:
     """Put an include guard around a header.
 
     The guard contains a checksum of the lines: the same header may be included again, while another one with the same
     names is an error. With an empty guard the second sensor would silently get the numbers of the first.
 
-    >>> print(*guarded("mast", ["int x;"]), sep=chr(10))
+    >>> print(*add_guard("mast", ["int x;"]), sep=chr(10))
     #ifndef MAST_CALIBRATION_H
     #define MAST_CALIBRATION_H 0x32c65decu
     <BLANKLINE>

@@ -2,7 +2,7 @@
 
 >>> from flinders.core.calibration import Calibration
 >>> calibration = Calibration(np.eye(3), [20.0, 0.0, 0.0], 50.0)
->>> difference = Difference.of(calibration, corrected_by(calibration, lambda raw: raw - [19.0, 0.0, 0.0], DIRECTIONS))
+>>> difference = Difference.of(calibration, correct_fields(calibration, lambda raw: raw - [19.0, 0.0, 0.0], DIRECTIONS))
 >>> round(difference.worst, 3), round(difference.worst_deg, 2)
 (1.0, 1.15)
 """
@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.core.units import label
+from flinders.core.units import unit_label
 from flinders.errors import NotExportable, figures
 from flinders.geometry.sphere import fibonacci
-from flinders.targets._numbers import Acts, unmapped
+from flinders.targets._numbers import Acts, unmapping_matrix
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 
 DIRECTIONS: Final = fibonacci(400)
 """(N, 3) directions of the test fields; with 400, the largest error of a correction is found to within 1 %."""
-LOSS_DEG: Final = 0.5
+MAX_LOSS_DEG: Final = 0.5
 """Largest heading error in degrees, due to omitted parts, that is accepted without `lossy`."""
-COARSEST_DEG: Final = 1.0
+MAX_ROUNDING_DEG: Final = 1.0
 """Angle in degrees whose sine is the largest relative error of readings by rounding."""
 DIP_DEG: Final = 60.0
 """Inclination of the field, in degrees, for which heading errors are stated."""
@@ -47,14 +47,14 @@ class Difference:
 
     @classmethod
     def of(cls, calibration: Calibration, corrected: Floats) -> Self:
-        """Compare the result of `corrected_by` for `DIRECTIONS` with the calibration."""
+        """Compare the result of `correct_fields` for `DIRECTIONS` with the calibration."""
         with np.errstate(all="ignore"):
             across = np.linalg.norm(np.cross(corrected, DIRECTIONS), axis=1)
             angle = float(np.rad2deg(np.arctan2(across, np.sum(corrected * DIRECTIONS, axis=1))).max())
             worst = calibration.field_strength * float(np.linalg.norm(corrected - DIRECTIONS, axis=1).max())
         return cls(worst, angle)
 
-    def worse(self, other: Difference) -> Difference:
+    def worst_of(self, other: Difference) -> Difference:
         """The larger errors of two trials."""
         return Difference(max(self.worst, other.worst), max(self.worst_deg, other.worst_deg))
 
@@ -71,7 +71,7 @@ class Difference:
         `mountings`: mountings of a target that could include the rotation. `fitting`: the command for a fit within the
         target's limits, if there is one.
         """
-        if math.isfinite(self.worst) and (lossy or self.heading_deg <= LOSS_DEG):
+        if math.isfinite(self.worst) and (lossy or self.heading_deg <= MAX_LOSS_DEG):
             return
         off = f"{figures(self.heading_deg)}°" if math.isfinite(self.heading_deg) else "any angle"
         turned = mountings and (
@@ -92,12 +92,12 @@ class Difference:
         """Raise `NotExportable` for a relative rounding error above sin 1°; with `lossy`, only from 1 on."""
         strength = calibration.field_strength
         share = self.worst / strength
-        if share <= math.sin(math.radians(COARSEST_DEG)) or (lossy and share < 1):
+        if share <= math.sin(math.radians(MAX_ROUNDING_DEG)) or (lossy and share < 1):
             return
         off = f"up to {share:.2g} times" if math.isfinite(share) else "more than"
         raise NotExportable(
             f"rounded to the target's numbers, readings would be off by {off} their length: a field of "
-            f"{figures(strength)} {label(calibration.unit)} does not suit their steps. Record in "
+            f"{figures(strength)} {unit_label(calibration.unit)} does not suit their steps. Record in "
             "counts or nT if the target takes whole numbers; else check the unit of the recording, and the field "
             "strength where it was given",
             hint={"unit": None, "site": None},
@@ -106,7 +106,7 @@ class Difference:
         )
 
 
-def corrected_by(
+def correct_fields(
     calibration: Calibration,
     target: Callable[[Floats], Floats],
     directions: Floats,
@@ -120,7 +120,7 @@ def corrected_by(
     If `relative`, its lengths are arbitrary, and scaled to the calibration's field. Fields are in the axes of the
     calibration's corrected readings.
     """
-    back, strength = unmapped(calibration), calibration.field_strength
+    back, strength = unmapping_matrix(calibration), calibration.field_strength
     with np.errstate(all="ignore"):
         raw = calibration.unapply(strength * directions)
         corrected = target(raw if acts == "mapped" else raw @ back.T) / strength

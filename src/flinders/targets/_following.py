@@ -27,10 +27,10 @@ from dataclasses import dataclass, replace  # noqa: F401  the second for the exa
 from typing import TYPE_CHECKING, Final, Self
 
 from flinders.core.disturbance import Disturbance, is_column
-from flinders.targets._code_templates import DRIVEN, GROWN, MODULE_DRIVEN, SKETCH_DRIVEN, SKETCH_GROWN
+from flinders.targets._code_templates import C_DISTURBED, C_GAIN, MODULE_DISTURBED, SKETCH_DISTURBED, SKETCH_GAIN
 from flinders.targets._code_text import digits, float32s
 from flinders.targets._comments import BLOCK
-from flinders.targets._numbers import shift_in_recorded_axes, single
+from flinders.targets._numbers import round_to_single, shift_in_recorded_axes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -133,7 +133,7 @@ class Term:
             cls(
                 key,
                 one,
-                single(shift_in_recorded_axes(calibration, one) / calibration.raw.scale),
+                round_to_single(shift_in_recorded_axes(calibration, one) / calibration.raw.scale),
                 calibration.raw.name,
                 one.reference,
             )
@@ -172,7 +172,7 @@ def in_c(calibration: Calibration, name: str) -> Iterator[str]:
         yield from (f"/* {BLOCK.plain(remark)} */" for remark in one.remarks())
         declared = f"static const float {name}_{one.key.lower()}[3]"
         yield f"{declared} = {{{float32s(one.per_unit, 'f')}}}; /* {one.unit} per unit of {one.key} */"
-    yield from DRIVEN.format(
+    yield from C_DISTURBED.format(
         name=name,
         known=" and ".join(one.key for one in terms),
         arguments=", ".join(f"float {one.key}" for one in terms),
@@ -181,7 +181,7 @@ def in_c(calibration: Calibration, name: str) -> Iterator[str]:
     for one in terms:
         if gain := one.disturbance.gain_per_unit:
             reference = digits(one.zero, "f")
-            yield from GROWN.format(gain=digits(gain, "f"), key=one.key, reference=reference).splitlines()
+            yield from C_GAIN.format(gain=digits(gain, "f"), key=one.key, reference=reference).splitlines()
     yield "}"
 
 
@@ -202,12 +202,12 @@ def in_sketch(calibration: Calibration, constant: str, function: str) -> Iterato
     )
     gains = {one.key: one.disturbance.gain_per_unit for one in terms if one.disturbance.gain_per_unit}
     factors = " * ".join(f"(1.0f + {digits(gain, 'f')} * {away[key]})" for key, gain in gains.items())
-    yield from SKETCH_DRIVEN.format(
+    yield from SKETCH_DISTURBED.format(
         known=" and ".join(away),
         function=function,
         arguments=", ".join(f"float {key}" for key in away),
         terms="\n".join(shifts),
-        grown=SKETCH_GROWN.format(factors=factors) if gains else "",
+        grown=SKETCH_GAIN.format(factors=factors) if gains else "",
     ).splitlines()
 
 
@@ -224,7 +224,7 @@ def in_module(calibration: Calibration) -> Iterator[str]:
     gains = {one.key: one.disturbance.gain_per_unit for one in terms if one.disturbance.gain_per_unit}
     factors = " * ".join(f"(1.0 + {digits(gain)} * {away[key]})" for key, gain in gains.items())
     corrected = "correct((x, y, z))"
-    yield from MODULE_DRIVEN.format(
+    yield from MODULE_DISTURBED.format(
         known=" and ".join(away),
         arguments=", ".join(away),
         terms="".join(f" - {key.upper()}[axis] * {from_zero}" for key, from_zero in away.items()),

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.geometry.plane import order_of
+from flinders.geometry.plane import axis_order
 from flinders.targets._code_text import digits, float32s
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ class HeadingCode:
     row: str  #: format of a row of numbers
     suffix: str  #: suffix of a float32 number
 
-    def added(self, code: Written, unit: str, asked: ExportOptions, **names: str) -> Written:
+    def add_to(self, code: Written, unit: str, asked: ExportOptions, **names: str) -> Written:
         """Append the constants and functions if the noise of the fit is known; `unit` is that of corrected readings."""
         noise, model = asked.noise, asked.heading
         if noise is None or model is None:
@@ -85,12 +85,12 @@ def sigmas_of(noise: MeasurementNoise) -> dict[str, float]:
 
 def _axes(model: HeadingModel) -> dict[str, Any]:
     """Indices and names of the axes of a level vehicle: forward and right in the plane, and down."""
-    places = order_of(model.plane or "xy")
+    places = axis_order(model.plane or "xy")
     names = dict(zip(("first", "second", "third"), ("xyz"[place] for place in places), strict=True))
     return {**dict(zip(("forward", "right", "down"), places, strict=True)), **names}
 
 
-IN_C: Final = HeadingCode(
+C_HEADING: Final = HeadingCode(
     imports="#include <math.h>\n\n",
     constants="""
 /* 1 sigma of corrected readings and of level headings, in two parts. The READING part is white noise, independent in
@@ -182,7 +182,7 @@ static inline float {name}_level_heading(const float corrected[3], float *sigma)
     suffix="f",
 )
 
-IN_SKETCH: Final = HeadingCode(
+SKETCH_HEADING: Final = HeadingCode(
     imports="",
     constants="""
 // 1 sigma of corrected readings and of level headings, in two parts. The READING part is white noise, independent in
@@ -267,7 +267,7 @@ float {prefix}levelHeading(float x, float y, float z, float &sigma) {{
     row="  {{{}}},",
     suffix="f",
 )
-IN_PYTHON: Final = HeadingCode(
+PYTHON_HEADING: Final = HeadingCode(
     imports="from math import atan2, degrees, sqrt\n\n",
     constants="""
 

@@ -6,7 +6,7 @@ is the unit vector across the horizontal field divided by its length, and v = W�
 
     v·δb + vᵀ δS m/F + v·n
 
-Its variance is gᵀ C g + σ² |v|², with the nine coefficients g of `flinders.geometry.ellipsoid.gathered`. The part of g
+Its variance is gᵀ C g + σ² |v|², with the nine coefficients g of `flinders.geometry.ellipsoid.parameter_derivatives`. The part of g
 that is common to all level headings is a matter of mounting and removed, as in `Claim.level_error`.
 """
 

@@ -7,7 +7,7 @@ formula is tried with the numbers as written on gravity in all directions, and t
 >>> def halves(triad, asked):
 ...     return Numbers(lambda raw: raw - triad.offset, {"zero": triad.offset.tolist()})
 >>> form = InertialForm(formula="c = m - zero", source="nobody", accelerometer=halves, holds="offset")
->>> written(form, sensor, who="a toy").checked
+>>> write_inertial(form, sensor, who="a toy").checked
 'checked: its own formula at rest in 400 attitudes, at most 0.29° of tilt and 0.50 % of length off'
 """
 
@@ -22,7 +22,7 @@ import numpy as np
 from flinders.core.inertial import STANDARD_GRAVITY, Inertial, Triad
 from flinders.errors import NotExportable, figures
 from flinders.geometry.sphere import fibonacci
-from flinders.targets._numbers import single
+from flinders.targets._numbers import round_to_single
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -47,7 +47,7 @@ class Asked(NamedTuple):
     name: str | None = None  # prefix of names in generated code
 
 
-FIRST: Final = Asked()
+FIRST_IMU: Final = Asked()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,8 +88,8 @@ class InertialWritten:
     warnings: tuple[str, ...]
 
 
-def written(
-    form: InertialForm, inertial: Inertial, *, who: str, asked: Asked = FIRST, lossy: bool = False
+def write_inertial(
+    form: InertialForm, inertial: Inertial, *, who: str, asked: Asked = FIRST_IMU, lossy: bool = False
 ) -> InertialWritten:
     """Express an accelerometer and a gyro in the numbers of a target, and check them with its own formula.
 
@@ -131,7 +131,7 @@ def written(
 
 def _in_unit(triad: Triad, form: InertialForm, who: str) -> Triad:
     """The accelerometer's correction for readings in the unit of the target."""
-    return triad if form.unit is None else triad.in_unit(form.unit, who=who)
+    return triad if form.unit is None else triad.convert(form.unit, who=who)
 
 
 def _deviation(triad: Triad, apply: Callable[[Floats], Floats], gives: float | None) -> dict[str, float]:
@@ -202,4 +202,4 @@ def _kept_part(matrix: Floats, holds: Holds) -> Floats:
 
 def offset_and_gains(triad: Triad) -> tuple[Floats, Floats]:
     """(3,) offset and (3,) gains of an accelerometer for forms without misalignment, as float32."""
-    return single(triad.offset), single(np.diag(triad.matrix))
+    return round_to_single(triad.offset), round_to_single(np.diag(triad.matrix))

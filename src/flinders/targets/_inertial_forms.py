@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from flinders.core.inertial import STANDARD_GRAVITY, Triad
-from flinders.targets._code_text import guarded
+from flinders.targets._code_text import add_guard
 from flinders.targets._inertial import InertialForm, Numbers
-from flinders.targets._numbers import single, yaml_text
+from flinders.targets._numbers import round_to_single, yaml_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -38,8 +38,8 @@ def _fusion(
 ) -> Numbers:
     """Misalignment with a unit diagonal, and sensitivity, which is the diagonal."""
     gains = np.diag(triad.matrix) / out
-    misalignment, sensitivity = single(triad.matrix / out / gains), single(gains)
-    offset = single(triad.offset)
+    misalignment, sensitivity = round_to_single(triad.matrix / out / gains), round_to_single(gains)
+    offset = round_to_single(triad.offset)
     values = {f"{sensor}Misalignment": misalignment, f"{sensor}Sensitivity": sensitivity, f"{sensor}Offset": offset}
     body = [line for name, value in values.items() for line in write(sensor, name, value)]
     return Numbers(lambda raw: ((raw - offset) * sensitivity) @ misalignment.T, values, body)
@@ -91,7 +91,7 @@ FUSION_PYTHON: Final = _fusion_form(_python)
 
 def _zero(triad: Triad, _asked: Asked, *, name: str) -> Numbers:
     """Three offsets, subtracted."""
-    offset = single(triad.offset)
+    offset = round_to_single(triad.offset)
     return Numbers(lambda raw: raw - offset, {name: [float(f"{value:.9g}") for value in offset]})
 
 
@@ -188,7 +188,7 @@ def {function}(raw):
 
 def _code(triad: Triad, asked: Asked, *, sensor: str, language: str) -> Numbers:
     """A function with its numbers, as float32."""
-    matrix, offset = single(triad.matrix), single(triad.offset)
+    matrix, offset = round_to_single(triad.matrix), round_to_single(triad.offset)
     what = {"accelerometer": "acceleration", "gyro": "rate"}[sensor]
     suffix = "" if language == "python" else "f"
     start = asked.name or ("flinders" if language == "c" else "")
@@ -209,7 +209,7 @@ def _code(triad: Triad, asked: Asked, *, sensor: str, language: str) -> Numbers:
         result="m/s2" if sensor == "accelerometer" else "rad/s",
     ).splitlines()
     if language == "c":
-        body = guarded(f"{prefix}{sensor}", body)
+        body = add_guard(f"{prefix}{sensor}", body)
     values = {f"{sensor}_matrix": matrix, f"{sensor}_offset": offset, f"{sensor}_unit": triad.unit}
     return Numbers(lambda raw: (raw - offset) @ matrix.T, values, ["", *body])
 

@@ -17,13 +17,13 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
-from flinders.arrays import Floats, floats
+from flinders.arrays import Floats, to_floats
 from flinders.errors import UsageError
 
 Angles: TypeAlias = tuple[float, float, float]
 """Roll, pitch and yaw, degrees."""
 
-MOST_TURN_DEG: Final = 0.05
+MAX_TURN_DEG: Final = 0.05
 """Largest angle in degrees between rotations that count as equal."""
 
 
@@ -39,7 +39,7 @@ def euler(roll: float, pitch: float, yaw: float) -> Floats:
         [cp * sy, sr * sp * sy + cr * cy, cr * sp * sy - sr * cy],
         [-sp, sr * cp, cr * cp],
     ])  # fmt: skip
-    return floats(np.where(np.abs(turned) < 1e-15, 0.0, turned) + 0.0)
+    return to_floats(np.where(np.abs(turned) < 1e-15, 0.0, turned) + 0.0)
 
 
 def angles(rotation: Floats) -> Angles:
@@ -76,10 +76,10 @@ def apart_deg(one: Floats, other: Floats) -> float:
     return math.degrees(2 * math.asin(min(float(np.linalg.norm(one - other)) / math.sqrt(8), 1.0)))
 
 
-def without_turn(matrix: Floats) -> tuple[Floats, float]:
+def split_rotation(matrix: Floats) -> tuple[Floats, float]:
     """The symmetric P of matrix = Q P with a rotation Q, and the angle of Q in degrees, which a symmetric target omits.
 
-    >>> rest, turn_deg = without_turn(euler(0, 0, 5) @ np.diag([1.0, 2.0, 3.0]))
+    >>> rest, turn_deg = split_rotation(euler(0, 0, 5) @ np.diag([1.0, 2.0, 3.0]))
     >>> rest.round(9), round(turn_deg, 9)
     (array([[1., 0., 0.],
            [0., 2., 0.],
@@ -99,8 +99,8 @@ def _is_half_turn(matrix: Floats) -> bool:
 
 def turn_of(matrix: Floats) -> Floats | None:
     """(3, 3) the rotation Q of matrix = Q P that a symmetric target cannot hold; None if its angle is negligible."""
-    root, angle = without_turn(matrix)
-    if angle <= MOST_TURN_DEG:
+    root, angle = split_rotation(matrix)
+    if angle <= MAX_TURN_DEG:
         return None
     rotation: Floats = matrix @ np.linalg.inv(root)
     return rotation
@@ -137,10 +137,10 @@ class MountingTable:
         return euler(roll, pitch, yaw)
 
     def mounting(self, rotation: Floats) -> Mounting:
-        """The row within `MOST_TURN_DEG` of a rotation, else its angles."""
+        """The row within `MAX_TURN_DEG` of a rotation, else its angles."""
         misses = [apart_deg(rotation, self.rotation(number)) for number in range(len(self.rows))]
         nearest = misses.index(min(misses))
-        if misses[nearest] <= MOST_TURN_DEG:
+        if misses[nearest] <= MAX_TURN_DEG:
             return Mounting(nearest, self.rows[nearest][0], (0.0, 0.0, 0.0), self.rotation(nearest))
         roll, pitch, yaw = (self._round_angle(self.sense * angle) for angle in angles(rotation))
         own = roll, pitch, yaw

@@ -2,7 +2,7 @@ r"""Numbers of targets: in their unit and axes, rounded to fit, and parsed from 
 
 Parsed numbers are finite; otherwise an error names the value.
 
->>> keyed("a = 1.5\n# b = 2\nb=x", "settings.ini")
+>>> parse_pairs("a = 1.5\n# b = 2\nb=x", "settings.ini")
 {'a': '1.5', 'b': 'x'}
 >>> numbers({"a": "1.5", "b": "x"}, ["a", "b"], "settings.ini")
 Traceback (most recent call last):
@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Final, Literal, Self, TypeAlias
 
 import numpy as np
 
-from flinders.arrays import floats, vectors
+from flinders.arrays import check_vectors, to_floats
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.units import COUNTS, PER_UNIT, Unit
@@ -46,9 +46,9 @@ VEHICLE: Final = "vehicle"
 """Frame of a calibration whose readings were already in vehicle axes when recorded."""
 OWN, RECORDED = "own", "recorded"
 """Units of a target that accepts any: the calibration's (µT or counts), and the recording's."""
-BEYOND_ALL: Final = 1e15
+MAX_NUMBER: Final = 1e15
 """Largest number that a target gets, and the inverse of the smallest: products of two still fit float32."""
-MOTORS: Final = {"current": 2, "throttle": 1}
+MOTOR_QUANTITIES: Final = {"current": 2, "throttle": 1}
 """Quantities that autopilots compensate, preferred one first, with their COMPASS_MOTCT and CAL_MAG_COMP_TYP."""
 
 
@@ -82,13 +82,13 @@ class Affine:
         if acts == "recorded":
             matrix, offset = in_recorded_axes(calibration)
         elif acts == "across":
-            back = unmapped(calibration)
+            back = unmapping_matrix(calibration)
             matrix, offset = matrix @ back.T, back @ offset
         strength = calibration.field_strength / size
         with np.errstate(over="ignore"):
             affine = cls(matrix, offset / size, strength)
         largest = max(float(np.abs(affine.matrix).max()), float(np.abs(affine.offset).max()), strength, 1 / strength)
-        if not largest < BEYOND_ALL:
+        if not largest < MAX_NUMBER:
             raise NotExportable(
                 f"a number such as {largest:.2g} is implausible for a magnetometer: check the unit of the recording, "
                 "and the field strength if it was given",
@@ -100,7 +100,7 @@ class Affine:
     @property
     def single(self) -> Affine:
         """The numbers as float32."""
-        return Affine(single(self.matrix), single(self.offset), self.strength)
+        return Affine(round_to_single(self.matrix), round_to_single(self.offset), self.strength)
 
     def decimals(self, places: int) -> Affine:
         """The numbers rounded to so many decimal places."""
@@ -108,7 +108,7 @@ class Affine:
 
     def apply(self, field: ArrayLike) -> Floats:
         """Correct readings: (..., 3) to (..., 3), in the target's unit."""
-        corrected: Floats = (vectors(field, finite=False) - self.offset) @ self.matrix.T
+        corrected: Floats = (check_vectors(field, finite=False) - self.offset) @ self.matrix.T
         return corrected
 
     def to_calibration(self, unit: str, *, known: bool = False, strength: float | None = None) -> Calibration:
@@ -136,7 +136,7 @@ def in_recorded_axes(calibration: Calibration) -> tuple[Floats, Floats]:
     >>> np.diag(matrix), offset
     (array([2. , 1. , 0.5]), array([ 20.,  10., -30.]))
     """
-    back = unmapped(calibration)
+    back = unmapping_matrix(calibration)
     return back @ calibration.matrix @ back.T, back @ calibration.offset
 
 
@@ -154,15 +154,15 @@ def in_vehicle_axes(calibration: Calibration) -> Calibration:
 
 def shift_in_recorded_axes(calibration: Calibration, disturbance: Disturbance) -> Floats:
     """(3,) offset per unit of a disturbance in the axes as recorded, in the calibration's unit."""
-    return floats(unmapped(calibration) @ disturbance.per_unit)
+    return to_floats(unmapping_matrix(calibration) @ disturbance.per_unit)
 
 
-def unmapped(calibration: Calibration) -> Floats:
+def unmapping_matrix(calibration: Calibration) -> Floats:
     """(3, 3) Pᵀ, from the axes of the calibration to those of the recording."""
     return calibration.axes.apply(np.eye(3))
 
 
-def acting(acts: Acts, calibration: Calibration) -> Acts:
+def axes_of_action(acts: Acts, calibration: Calibration) -> Acts:
     """Axes in which a target works for this recording; with readings in vehicle axes, always those of the recording."""
     return "recorded" if acts == "mapped" and calibration.frame == VEHICLE else acts
 
@@ -232,24 +232,24 @@ def per_unit(calibration: Calibration, unit: str, *, who: str) -> float:
     return PER_UNIT[unit]
 
 
-def followed(calibration: Calibration) -> tuple[Calibration, Disturbance | None]:
+def split_motor_disturbance(calibration: Calibration) -> tuple[Calibration, Disturbance | None]:
     """Split off the disturbance that an autopilot compensates, and the calibration with motors at rest.
 
     >>> from flinders.core.disturbance import Disturbance
     >>> both = (Disturbance("current", [0.5, 0, 0], highest=20), Disturbance("throttle", [3, 0, 0], highest=1))
-    >>> plain, motor = followed(Calibration(np.eye(3), [10, 0, 0], 50.0, disturbances=both))
+    >>> plain, motor = split_motor_disturbance(Calibration(np.eye(3), [10, 0, 0], 50.0, disturbances=both))
     >>> plain.offset, motor.name
     (array([10.,  0.,  0.]), 'current')
     """
     ours = {disturbance.name: disturbance for disturbance in calibration.disturbances}
-    motor = next((ours[name] for name in MOTORS if name in ours), None)
+    motor = next((ours[name] for name in MOTOR_QUANTITIES if name in ours), None)
     return calibration.at(**({motor.name: 0.0} if motor else {})), motor
 
 
-def single(values: ArrayLike) -> Floats:
+def round_to_single(values: ArrayLike) -> Floats:
     """Round to float32.
 
-    >>> float(single(0.1)) - 0.1
+    >>> float(round_to_single(0.1)) - 0.1
     1.49e-09
     """
     with np.errstate(over="ignore", under="ignore"):
@@ -259,14 +259,16 @@ def single(values: ArrayLike) -> Floats:
 # written
 
 
-def whole(values: Floats, names: Sequence[str], *, lowest: int, highest: int, advice: str) -> tuple[int, ...]:
+def round_to_integers(
+    values: Floats, names: Sequence[str], *, lowest: int, highest: int, advice: str
+) -> tuple[int, ...]:
     """Round to integers, half to even, within the range of a register or setting.
 
     Values beyond the range raise `NotExportable` with their names and exact values.
 
-    >>> whole(np.array([1.4, -2.6]), ["x", "y"], lowest=-8, highest=7, advice="turn back")
+    >>> round_to_integers(np.array([1.4, -2.6]), ["x", "y"], lowest=-8, highest=7, advice="turn back")
     (1, -3)
-    >>> whole(np.array([1.4, -9.0]), ["x", "y"], lowest=-8, highest=7, advice="turn back")
+    >>> round_to_integers(np.array([1.4, -9.0]), ["x", "y"], lowest=-8, highest=7, advice="turn back")
     Traceback (most recent call last):
     flinders.errors.NotExportable: y would be -9 and holds -8 to 7: turn back
     """
@@ -284,7 +286,7 @@ def whole(values: Floats, names: Sequence[str], *, lowest: int, highest: int, ad
 def in_16_bits(values: Floats, names: Sequence[str], *, lowest: int = INT16[0]) -> tuple[int, ...]:
     """Round to counts of an int16; others raise `NotExportable`."""
     advice = "remove or demagnetise magnetic parts near the sensor, and check the unit of the recording"
-    return whole(values, names, lowest=lowest, highest=INT16[1], advice=advice)
+    return round_to_integers(values, names, lowest=lowest, highest=INT16[1], advice=advice)
 
 
 def nearest_diagonal(matrix: Floats) -> Floats:
@@ -330,13 +332,13 @@ def of_radii(offset: Sequence[float] | Floats, radii: Floats, strength: float | 
     determinant 1.
     """
     length = float(np.exp(np.mean(np.log(radii)))) if strength is None else strength
-    return Affine(np.diag(length / radii), floats(offset), length).to_calibration(COUNTS, known=strength is not None)
+    return Affine(np.diag(length / radii), to_floats(offset), length).to_calibration(COUNTS, known=strength is not None)
 
 
 # read back; each function raises `DocumentError` for invalid input
 
 
-def decoded(content: bytes, source: str) -> str:
+def decode_text(content: bytes, source: str) -> str:
     """Decode UTF-8 text."""
     try:
         return content.decode("utf-8-sig")
@@ -344,7 +346,7 @@ def decoded(content: bytes, source: str) -> str:
         raise DocumentError(f"{source}: byte {error.start + 1} is not text in UTF-8: check the name") from None
 
 
-def keyed(text: str, source: str, separator: str = "=") -> dict[str, str]:
+def parse_pairs(text: str, source: str, separator: str = "=") -> dict[str, str]:
     """Parse lines of key and value; lines with ``#`` or ``;`` first, or without a separator, are ignored."""
     pairs: dict[str, str] = {}
     for line in text.splitlines():
@@ -357,10 +359,10 @@ def keyed(text: str, source: str, separator: str = "=") -> dict[str, str]:
     return pairs
 
 
-def loaded(content: bytes, source: str) -> dict[str, object]:
+def load_object(content: bytes, source: str) -> dict[str, object]:
     """Parse a JSON object."""
     try:
-        fields = json.loads(decoded(content, source))
+        fields = json.loads(decode_text(content, source))
     except (ValueError, RecursionError) as error:
         raise DocumentError(f"{source}: is no JSON: {error}") from None
     if not isinstance(fields, dict):
@@ -374,9 +376,9 @@ def settings(content: bytes, source: str, names: Sequence[str]) -> dict[str, str
     >>> settings(b"# dump\nset magzero_x = -7\nset p_roll = 45\n", "dump.txt", ["magzero_x", "magzero_y"])
     {'magzero_x': '-7'}
     """
-    matches = map(SETTING.fullmatch, decoded(content, source).splitlines())
+    matches = map(SETTING.fullmatch, decode_text(content, source).splitlines())
     lines = [f"{line[1].lower()}={line[2]}" for line in matches if line and line[1].lower() in names]
-    return keyed("\n".join(lines), source)
+    return parse_pairs("\n".join(lines), source)
 
 
 def numbers(values: Mapping[str, object], names: Sequence[str], source: str) -> Floats:
@@ -387,7 +389,7 @@ def numbers(values: Mapping[str, object], names: Sequence[str], source: str) -> 
     return np.array([_number(values[name], name, source) for name in names])
 
 
-def listed(values: Mapping[str, object], name: str, length: int, source: str) -> Floats:
+def parse_list(values: Mapping[str, object], name: str, length: int, source: str) -> Floats:
     """(length,) a list of finite numbers."""
     entries = values.get(name)
     if not isinstance(entries, list) or len(entries) != length:
@@ -395,12 +397,12 @@ def listed(values: Mapping[str, object], name: str, length: int, source: str) ->
     return np.array([_number(value, f"{name}[{place}]", source) for place, value in enumerate(entries)])
 
 
-def counts(
+def parse_counts(
     words: Mapping[str, object], names: Sequence[str], source: str, *, between: tuple[int, int] = INT16
 ) -> tuple[int, ...]:
     """Parse integers within the target's range.
 
-    >>> counts({"magzero_x": "-7"}, ["magzero_x"], "dump.txt")
+    >>> parse_counts({"magzero_x": "-7"}, ["magzero_x"], "dump.txt")
     (-7,)
     """
     lowest, highest = between

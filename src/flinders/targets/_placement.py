@@ -30,15 +30,15 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.core.axes import nearest_to, of_the_hand_of
+from flinders.core.axes import nearest_axes, same_handed_axes
 from flinders.core.calibration import Calibration
-from flinders.core.symmetric_matrix import is_positive
-from flinders.core.units import label
+from flinders.core.symmetric_matrix import is_positive_definite
+from flinders.core.units import unit_label
 from flinders.errors import DocumentError, NotExportable, figures
 from flinders.geometry.rotation import rotation_vectors
 from flinders.targets._difference import heading_deg
-from flinders.targets._mounting import MOST_TURN_DEG, MountingTable, apart_deg, in_words
-from flinders.targets._numbers import OWN, in_recorded_axes, unmapped
+from flinders.targets._mounting import MAX_TURN_DEG, MountingTable, apart_deg, in_words
+from flinders.targets._numbers import OWN, in_recorded_axes, unmapping_matrix
 from flinders.targets._target import ExportOptions, Target, Written
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ class Placement:
         mounted = np.eye(3) if asked.mounting is None else np.asarray(asked.mounting)
         matrix, offset = in_recorded_axes(calibration)
         turn, symmetric = _polar(matrix)
-        found = mounted @ unmapped(calibration).T @ turn
+        found = mounted @ unmapping_matrix(calibration).T @ turn
         if asked.mounting is None and np.array_equal(found, np.eye(3)):
             raise NotExportable(
                 f"{who} holds the sensor's orientation in the body, which the calibration does not contain: calibrate "
@@ -96,7 +96,7 @@ class Placement:
         covariance = asked.rotation_covariance if calibration.rotation == "estimated" else None
         sigma_deg = None if covariance is None else np.rad2deg(np.sqrt(np.diag(covariance)))
         rounded = np.array([float(f"{value:.{SIGNIFICANT_DIGITS}g}") for value in (*symmetric.ravel(), *offset)])
-        axes = right_angled(found, covariance)
+        axes = right_angled_axes(found, covariance)
         return cls(found, axes, sigma_deg, rounded[:9].reshape(3, 3), rounded[9:], mounted, calibration)
 
     @property
@@ -105,9 +105,9 @@ class Placement:
         return self.found if self.axes is None else self.axes.matrix
 
     @property
-    def nearest(self) -> Axes:
+    def nearest_axes(self) -> Axes:
         """The nearest mounting by right angles, of the same handedness."""
-        return nearest_to(self.found)
+        return nearest_axes(self.found)
 
     @property
     def is_mirror(self) -> bool:
@@ -118,11 +118,11 @@ class Placement:
         """Raise `NotExportable` for a mirrored sensor, which no rotation describes."""
         if not self.is_mirror:
             return
-        axis = self.nearest.mirrored_axis
-        mended = self.nearest.turned_over(axis)
+        axis = self.nearest_axes.mirrored_axis
+        mended = self.nearest_axes.reverse_axis(axis)
         then = "without a mapping of its axes" if mended.is_identity else f"with its axes mapped by {mended}"
         raise NotExportable(
-            f"the sensor's axes are a mirror image of the body's ({self.nearest}), and {who} holds rotations only: "
+            f"the sensor's axes are a mirror image of the body's ({self.nearest_axes}), and {who} holds rotations only: "
             f"change the sign of {axis} in the driver, record again, and calibrate {then}",
             hint={"axes": None if mended.is_identity else str(mended)},
             beyond=("rotation",),
@@ -130,7 +130,7 @@ class Placement:
             axes=str(mended),
         )
 
-    def written(
+    def write_rotation(
         self,
         rotation: Floats,
         body: Sequence[str],
@@ -158,7 +158,7 @@ class Placement:
         """The calibration with its rotation rounded to right angles, if it is."""
         if self.axes is None:
             return None
-        back = unmapped(self.calibration)
+        back = unmapping_matrix(self.calibration)
         _, symmetric = _polar(in_recorded_axes(self.calibration)[0])
         return replace(
             self.calibration.at(), matrix=self.mounted.T @ self.rotation @ symmetric @ back, rotation="composed"
@@ -166,7 +166,7 @@ class Placement:
 
     def _notes(self) -> Iterator[str]:
         """Notes: correction before the mounting, uncertainty of the rotation, and rounding to right angles."""
-        unit = label(self.calibration.unit)
+        unit = unit_label(self.calibration.unit)
         offset = ", ".join(f"{value:.{SIGNIFICANT_DIGITS}g}" for value in self.offset)
         rows = "; ".join(", ".join(f"{value:.{SIGNIFICANT_DIGITS}g}" for value in row) for row in self.matrix)
         yield (
@@ -182,7 +182,7 @@ class Placement:
     def _in_words(self) -> str:
         """The rotation that was found, with its uncertainty, and the one that is written."""
         if self.is_mirror:
-            shown = f"the sensor's axes are a mirror image of the body's, {self.nearest}"
+            shown = f"the sensor's axes are a mirror image of the body's, {self.nearest_axes}"
         else:
             shown = f"the rotation that was found is {in_words(self.found)}"
         if self.sigma_deg is None:
@@ -193,7 +193,7 @@ class Placement:
         if self.axes is None:
             return f"{shown}, {known}"
         off = apart_deg(self.found, self.rotation)
-        if off <= MOST_TURN_DEG:
+        if off <= MAX_TURN_DEG:
             return f"{shown}, {known}: it is the right-angled {self.axes}"
         return (
             f"{shown}, {known}: it is rounded to the right-angled {self.axes}, {figures(off)}° away and the only one "
@@ -201,23 +201,23 @@ class Placement:
         )
 
 
-def right_angled(found: Floats, covariance: Floats | None = None) -> Axes | None:
+def right_angled_axes(found: Floats, covariance: Floats | None = None) -> Axes | None:
     """The right-angled mounting that agrees with R: the only one within 3 σ; None if there is none, or several.
 
     `covariance`, (3, 3) rad²: of its rotation vector, in the body's axes. Without it R has to be within
-    `MOST_TURN_DEG`.
+    `MAX_TURN_DEG`.
 
     >>> from flinders.targets._mounting import euler
     >>> tilted = euler(0.0, 2.0, 90.0)
-    >>> [right_angled(tilted, np.deg2rad(sigma) ** 2 * np.eye(3)) for sigma in (0.3, 60.0)]
+    >>> [right_angled_axes(tilted, np.deg2rad(sigma) ** 2 * np.eye(3)) for sigma in (0.3, 60.0)]
     [None, None]
-    >>> str(right_angled(tilted, np.deg2rad(1.0) ** 2 * np.eye(3))), str(right_angled(euler(180, 0, 0)))
+    >>> str(right_angled_axes(tilted, np.deg2rad(1.0) ** 2 * np.eye(3))), str(right_angled_axes(euler(180, 0, 0)))
     ('-y,x,z', 'x,-y,-z')
     """
-    ways = of_the_hand_of(found)
+    ways = same_handed_axes(found)
     turns = np.stack([axes.matrix for axes in ways])
     if covariance is None:
-        near = [apart_deg(found, turn) <= MOST_TURN_DEG for turn in turns]
+        near = [apart_deg(found, turn) <= MAX_TURN_DEG for turn in turns]
     else:
         off = rotation_vectors(found @ np.swapaxes(turns, 1, 2))
         with np.errstate(all="ignore"):
@@ -241,7 +241,7 @@ def to_calibration(rows: Floats, source: str, *, strength: float | None = None) 
         lengths = ", ".join(figures(size) for size in sizes)
         raise DocumentError(f"{source}: the matrix scales by {lengths}: need a rotation, which scales by 1")
     rotation = left @ right
-    axes = nearest_to(rotation)
+    axes = nearest_axes(rotation)
     turn = rotation @ axes.matrix.T
     length = 1.0 if strength is None else strength
     if float(np.abs(turn - np.eye(3)).max()) < RIGHT_ANGLE_TOLERANCE:
@@ -251,7 +251,7 @@ def to_calibration(rows: Floats, source: str, *, strength: float | None = None) 
 
 def _polar(matrix: Floats) -> tuple[Floats, Floats]:
     """Q, orthogonal, and S, symmetric and positive, of matrix = Q S."""
-    if np.array_equal(matrix, matrix.T) and is_positive(matrix):
+    if np.array_equal(matrix, matrix.T) and is_positive_definite(matrix):
         return np.eye(3), matrix
     left, sizes, right = np.linalg.svd(matrix)
     symmetric = right.T @ np.diag(sizes) @ right

@@ -26,21 +26,21 @@ from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from flinders.core.short_repr import ShortRepr
-from flinders.core.units import label
+from flinders.core.units import unit_label
 from flinders.errors import NotExportable, figures
 from flinders.targets._comments import HASH, Comment
-from flinders.targets._difference import DIP_DEG, DIRECTIONS, LOSS_DEG, Difference, corrected_by
+from flinders.targets._difference import DIP_DEG, DIRECTIONS, MAX_LOSS_DEG, Difference, correct_fields
 from flinders.targets._numbers import (
     OWN,
     RECORDED,
     VEHICLE,
     Acts,
-    acting,
-    followed,
+    axes_of_action,
     in_recorded_axes,
     in_sensor_axes,
     per_unit,
     refuse_mounted,
+    split_motor_disturbance,
 )
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from flinders.targets._mounting import MountingTable
 
 Keeps: TypeAlias = Literal["all", "symmetric", "diagonal", "offset", "rotation", "axes"]
-HOLDS: Final[Mapping[Keeps, str]] = {
+CAPACITY_WORDS: Final[Mapping[Keeps, str]] = {
     "all": "an offset and a whole matrix",
     "symmetric": "an offset and a symmetric matrix",
     "diagonal": "an offset and a diagonal, no other soft iron",
@@ -63,22 +63,22 @@ HOLDS: Final[Mapping[Keeps, str]] = {
     "rotation": "a mounting and no calibration",
     "axes": "a mounting by right angles and no calibration",
 }
-MOUNTINGS: Final = ("rotation", "axes")
+MOUNTING_KINDS: Final = ("rotation", "axes")
 """Capacities of targets that hold only the sensor's orientation, and leave the correction to a program before them."""
-WHERE: Final[Mapping[Acts, str]] = {
+AXES_WORDS: Final[Mapping[Acts, str]] = {
     "recorded": "the sensor's own, before its mounting",
     "mapped": "those of the vehicle or board, after the mounting",
     "across": "readings as recorded in, the calibration's axes out",
 }
-NEXT_TO_NOTHING: Final = 0.0001
+NEGLIGIBLE_ERROR: Final = 0.0001
 TOLERANCE: Final = 1e-9
 """Tolerance of a matrix's kind, relative to its largest entry, for rounding of matrix products."""
 SINGLE_TOLERANCE: Final = 1e-6
 """Tolerance of a matrix's kind, relative to its largest entry, for rounding to float32."""
 
-CHANCE: Final = 1e-4
+FALSE_ALARM_PROBABILITY: Final = 1e-4
 """Largest probability that a clean reading is beyond a limit of `Gates`."""
-SIGMAS: Final = NormalDist().inv_cdf(1.0 - CHANCE / 2.0)
+GATE_SIGMAS: Final = NormalDist().inv_cdf(1.0 - FALSE_ALARM_PROBABILITY / 2.0)
 """The limits of `Gates`, in standard deviations."""
 TILT_DEG: Final = 1.0
 """1 σ about each axis, in degrees, of the vertical that firmware takes from its accelerometer."""
@@ -195,13 +195,13 @@ class Target:
     title: str  #: title for users
     formula: str  #: formula that uses the numbers
     unit: str  #: of uncorrected readings: a name of `units`, ``own`` or ``recorded``
-    keeps: Keeps  #: its capacity; a key of `HOLDS`
+    keeps: Keeps  #: its capacity; a key of `CAPACITY_WORDS`
     storage: str  #: format and range of stored numbers
     source: str  #: source of the formula
     #: ``write(calibration, asked)`` returns the calibration in the numbers of the target
     write: Callable[[Calibration, ExportOptions], Written]
     reader: TargetReader | None = None  #: reader of such a file, if it can be read back
-    acts: Acts = "recorded"  #: a key of `WHERE`
+    acts: Acts = "recorded"  #: a key of `AXES_WORDS`
     fed: bool = False  #: the surrounding program selects the readings that it corrects, which may be in vehicle axes
     #: disturbances that it can hold: none, current or throttle (``motors``), or all
     follows: Literal["", "motors", "all"] = ""
@@ -224,12 +224,12 @@ class Target:
     @property
     def where(self) -> str:
         """Axes in which it works, in words."""
-        return WHERE[self.acts]
+        return AXES_WORDS[self.acts]
 
     @property
     def holds(self) -> str:
         """Its capacity, in words."""
-        return HOLDS[self.keeps]
+        return CAPACITY_WORDS[self.keeps]
 
     @property
     def family(self) -> str:
@@ -239,7 +239,7 @@ class Target:
     @property
     def refuses_mounted(self) -> bool:
         """Whether it needs the sensor's own axes, as it acts before the mounting or is the mounting."""
-        return (self.acts == "recorded" and not self.fed) or self.keeps in MOUNTINGS
+        return (self.acts == "recorded" and not self.fed) or self.keeps in MOUNTING_KINDS
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
@@ -261,9 +261,9 @@ class Target:
         self, calibration: Calibration, *, about: Sequence[str] = (), asked: ExportOptions | None = None
     ) -> Export:
         """Write a calibration for the target; `about`: remarks on its origin; parameters and errors as `tried`."""
-        return self.tried(calibration, asked=asked).export(about)
+        return self.try_formula(calibration, asked=asked).export(about)
 
-    def tried(self, calibration: Calibration, *, asked: ExportOptions | None = None) -> Trial:
+    def try_formula(self, calibration: Calibration, *, asked: ExportOptions | None = None) -> Trial:
         """Express a calibration in the numbers of the target, and check them with the target's own formula.
 
         `asked`: the compass and other options. Raises `UnitError` if counts would have to be converted to a unit, or
@@ -283,15 +283,15 @@ class Target:
                 beyond=("linearization",),
             )
         written = self.write(calibration, asked)
-        plain, motor = followed(calibration) if self.follows == "motors" else (calibration.at(), None)
+        plain, motor = split_motor_disturbance(calibration) if self.follows == "motors" else (calibration.at(), None)
         plain = written.meant or plain
         lacks = f"{self.title} holds {self.holds}" if self._exceeds_capacity(plain, written) else ""
         deviation = self._measure_difference(plain, written.apply, lacks=lacks, asked=asked)
         if motor is not None and (compensated := written.compensated) is not None:
-            end = motor.farthest
+            end = motor.extreme_value
             far = calibration.at(**{motor.name: end})
             tried = self._measure_difference(far, lambda raw: compensated(raw, end), lacks=lacks, asked=asked)
-            deviation = deviation.worse(tried)
+            deviation = deviation.worst_of(tried)
         warnings = (*self._warnings(deviation, lacks, asked.fitting), *self._disturbance_errors(calibration, motor))
         return Trial(self, plain, written, deviation, bool(lacks), warnings, turn)
 
@@ -306,8 +306,8 @@ class Target:
     def corrected(self, calibration: Calibration, apply: Callable[[Floats], Floats], directions: Floats) -> Floats:
         """(N, 3) fields relative to their strength, as a formula in its units corrects readings in these directions."""
         size, given = per_unit(calibration, self.unit, who=self.title), self._size_given(calibration)
-        acts, relative = acting(self.acts, calibration), bool(self.lengths)
-        return corrected_by(
+        acts, relative = axes_of_action(self.acts, calibration), bool(self.lengths)
+        return correct_fields(
             calibration, lambda raw: given * apply(raw / size), directions, acts=acts, relative=relative
         )
 
@@ -317,7 +317,7 @@ class Target:
         """Run the target's formula in its units, and raise `NotExportable` for a large error."""
         deviation = Difference.of(calibration, self.corrected(calibration, apply, DIRECTIONS))
         if lacks:
-            takes_turn = calibration.rotation != "symmetric" and self.keeps not in MOUNTINGS
+            takes_turn = calibration.rotation != "symmetric" and self.keeps not in MOUNTING_KINDS
             mountings = self.mountings if takes_turn else None
             deviation.refuse_lost(lacks, lossy=asked.lossy, mountings=mountings, fitting=asked.fitting)
         else:
@@ -332,14 +332,20 @@ class Target:
         """Heading errors due to disturbances that a target does not follow."""
         for disturbance in calibration.disturbances if self.follows != "all" else ():
             if motor is None or disturbance.name != motor.name:
-                yield not_followed(calibration, disturbance, f"{self.title} does not follow {disturbance.name} here")
+                yield words_of_unfollowed(
+                    calibration, disturbance, f"{self.title} does not follow {disturbance.name} here"
+                )
 
     def _exceeds_capacity(self, calibration: Calibration, written: Written) -> bool:
         """Whether the matrix exceeds the target's capacity, apart from a rotation in its mounting."""
-        if self.keeps in MOUNTINGS:
+        if self.keeps in MOUNTING_KINDS:
             return written.is_partial
         turn = written.turn
-        matrix = calibration.matrix if acting(self.acts, calibration) == "mapped" else in_recorded_axes(calibration)[0]
+        matrix = (
+            calibration.matrix
+            if axes_of_action(self.acts, calibration) == "mapped"
+            else in_recorded_axes(calibration)[0]
+        )
         if turn is not None:
             matrix = turn.T @ matrix
         reduced = {
@@ -354,7 +360,7 @@ class Target:
     def _warnings(self, deviation: Difference, lacks: str, fitting: str) -> Iterable[str]:
         """Warnings on omitted and unverified parts."""
         if lacks:
-            fitted = f"; a fit within its limits: {fitting}" if fitting and deviation.heading_deg > LOSS_DEG else ""
+            fitted = f"; a fit within its limits: {fitting}" if fitting and deviation.heading_deg > MAX_LOSS_DEG else ""
             yield (
                 f"{lacks}: the omitted parts cause a heading error of up to {figures(deviation.heading_deg)}° (at any "
                 f"attitude, dip {DIP_DEG:.0f}°){fitted}"
@@ -383,7 +389,7 @@ class Target:
     def checked(self, calibration: Calibration, deviation: Difference) -> str:
         """Errors of the target, in words."""
         size, name = self._errors_in(calibration)
-        unit, scaled = label(name), ", scaled," if self.lengths else ""
+        unit, scaled = unit_label(name), ", scaled," if self.lengths else ""
         return (
             f"checked: its own formula{scaled} on {len(DIRECTIONS)} fields of "
             f"{figures(calibration.field_strength / size, 4)} {unit}, "
@@ -392,7 +398,7 @@ class Target:
 
     def notes(self, calibration: Calibration) -> Iterable[str]:
         """Remarks on the readings that the numbers are for, and on the corrected ones."""
-        if self.keeps in MOUNTINGS:
+        if self.keeps in MOUNTING_KINDS:
             return
         if self.lengths:
             yield f"corrected readings are {self.lengths}"
@@ -407,7 +413,7 @@ class Target:
         """Remarks on the axes of the readings, and on steps that remain after the correction."""
         if calibration.frame == VEHICLE:
             yield "for readings in the axes of the vehicle, after the mounting, as they were recorded"
-            if acting(self.acts, calibration) == "recorded" and not calibration.axes.is_identity:
+            if axes_of_action(self.acts, calibration) == "recorded" and not calibration.axes.is_identity:
                 yield f"acts in those axes, not in those they were mapped to by {calibration.axes}"
         elif calibration.axes.is_identity:
             if self.acts == "mapped":
@@ -465,12 +471,12 @@ class Trial:
         return Export(target.name, text, fields, checked, self.warnings, written.data, has_comments=bool(comments))
 
 
-def not_followed(calibration: Calibration, disturbance: Disturbance, why: str) -> str:
+def words_of_unfollowed(calibration: Calibration, disturbance: Disturbance, why: str) -> str:
     """Message with the heading error if a disturbance is taken at its reference."""
     cost = min(calibration.disturbance_deg(disturbance, dip_deg=DIP_DEG), 180.0)
     return (
-        f"{why}: it is taken for {disturbance.amount(disturbance.reference)}, and at "
-        f"{disturbance.amount(disturbance.farthest)} headings are off by up to {figures(cost)}° (at any attitude, dip "
+        f"{why}: it is taken for {disturbance.text_of(disturbance.reference)}, and at "
+        f"{disturbance.text_of(disturbance.extreme_value)} headings are off by up to {figures(cost)}° (at any attitude, dip "
         f"{DIP_DEG:.0f}°)"
     )
 
@@ -482,6 +488,6 @@ def _unit_name(unit: str, calibration: Calibration) -> str:
 
 def _error_words(worst: float, worst_deg: float, unit: str) -> str:
     """Errors as text; negligible ones only as such, since they differ between machines."""
-    if max(worst, worst_deg) < NEXT_TO_NOTHING:
-        return f"less than {NEXT_TO_NOTHING} {unit} and {NEXT_TO_NOTHING}°"
-    return f"at most {figures(max(worst, NEXT_TO_NOTHING))} {unit} and {figures(max(worst_deg, NEXT_TO_NOTHING))}°"
+    if max(worst, worst_deg) < NEGLIGIBLE_ERROR:
+        return f"less than {NEGLIGIBLE_ERROR} {unit} and {NEGLIGIBLE_ERROR}°"
+    return f"at most {figures(max(worst, NEGLIGIBLE_ERROR))} {unit} and {figures(max(worst_deg, NEGLIGIBLE_ERROR))}°"

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.targets._inertial_forms import SENSORLAB
-from flinders.targets._numbers import Affine, listed, loaded, numbers
+from flinders.targets._numbers import Affine, load_object, numbers, parse_list
 from flinders.targets._target import ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
@@ -45,9 +45,9 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
 
     Raises `DocumentError` for another file, or missing numbers.
     """
-    fields = loaded(content, source)
-    matrix = listed(fields, "mag_softiron", 9, source).reshape(3, 3)
-    offset = listed(fields, "mag_hardiron", 3, source)
+    fields = load_object(content, source)
+    matrix = parse_list(fields, "mag_softiron", 9, source).reshape(3, 3)
+    offset = parse_list(fields, "mag_hardiron", 3, source)
     length = float(numbers(fields, ["mag_field"], source)[0]) if strength is None else np.nan
     return Affine(matrix, offset, length).to_calibration("uT", strength=strength)
 

@@ -27,16 +27,16 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.arrays import Floats, floats, vectors
+from flinders.arrays import Floats, check_vectors, to_floats
 from flinders.core.linearization import Linearization
-from flinders.core.units import label
+from flinders.core.units import unit_label
 from flinders.errors import NotExportable, figures
 from flinders.targets._code_templates import (
     C_CURVE,
     C_DIP,
+    C_FIXED_POINT,
+    C_FLOAT,
     C_STRENGTH,
-    FIXED,
-    FLOAT,
     MODULE,
     MODULE_CURVE,
     MODULE_DIP,
@@ -46,13 +46,13 @@ from flinders.targets._code_templates import (
     SKETCH_DIP,
     SKETCH_STRENGTH,
 )
-from flinders.targets._code_text import begun, digits, float32s, guarded
+from flinders.targets._code_text import add_guard, digits, float32s, name_prefix
 from flinders.targets._comments import BLOCK, HASH
 from flinders.targets._following import in_c, in_module, in_sketch
-from flinders.targets._heading_code import IN_C, IN_PYTHON, IN_SKETCH
+from flinders.targets._heading_code import C_HEADING, PYTHON_HEADING, SKETCH_HEADING
 from flinders.targets._inertial_forms import code_form
-from flinders.targets._numbers import OWN, RECORDED, Affine, single, unmapped, whole
-from flinders.targets._target import CHANCE, TILT_DEG, ExportOptions, Gates, Target, Written
+from flinders.targets._numbers import OWN, RECORDED, Affine, round_to_integers, round_to_single, unmapping_matrix
+from flinders.targets._target import FALSE_ALARM_PROBABILITY, TILT_DEG, ExportOptions, Gates, Target, Written
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -107,17 +107,17 @@ class FixedPoint:
         names = ("offset x", "offset y", "offset z")
         with np.errstate(over="ignore"):
             scaled = affine.offset * 2.0**form.fraction
-        offset = whole(scaled, names, lowest=-edge, highest=edge, advice=ADVICE)
+        offset = round_to_integers(scaled, names, lowest=-edge, highest=edge, advice=ADVICE)
         return cls(form, tuple(tuple(row) for row in entries.tolist()), offset, shift)
 
     def apply(self, field: ArrayLike) -> Floats:
         """Correct readings as the code does, which rounds them first: (..., 3) to (..., 3), in the recorded unit."""
         form, edge = self.format, self.format.largest
-        read = np.clip(np.nan_to_num(np.rint(vectors(field, finite=False))), -edge - 1, edge).astype(np.int64)
+        read = np.clip(np.nan_to_num(np.rint(check_vectors(field, finite=False))), -edge - 1, edge).astype(np.int64)
         moved = (read << form.fraction) - np.array(self.offset, np.int64)
         places = self.shift + form.fraction
         sums = (moved @ np.array(self.entries, np.int64).T + (1 << (places - 1))) >> places
-        return floats(np.clip(sums, -edge - 1, edge))
+        return to_floats(np.clip(sums, -edge - 1, edge))
 
 
 def single_precision(calibration: Calibration) -> Affine:
@@ -128,24 +128,24 @@ def single_precision(calibration: Calibration) -> Affine:
 
 def write_header(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write a header in single precision: ``flinders_correct(raw, corrected)``; headings need ``math.h``."""
-    name = begun(DEFAULT_NAME, asked.name)
+    name = name_prefix(DEFAULT_NAME, asked.name)
     reading = Reading("raw[{0}] - " + name + "_offset[{0}]", name + "_linear", C_CURVE)
-    code = _fill_template(FLOAT, calibration, reading, name=name, constant=name.upper())
+    code = _fill_template(C_FLOAT, calibration, reading, name=name, constant=name.upper())
     code = _add_gates(code, calibration, asked, (C_STRENGTH, C_DIP), name=name, constant=name.upper())
-    code = IN_C.added(code, calibration.unit, asked, name=name, constant=name.upper())
-    return replace(code, body=guarded(name, [*code.body, *in_c(calibration, name)]))
+    code = C_HEADING.add_to(code, calibration.unit, asked, name=name, constant=name.upper())
+    return replace(code, body=add_guard(name, [*code.body, *in_c(calibration, name)]))
 
 
 def write_sketch(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write a part of a sketch: ``correctMagnetometer(x, y, z)`` changes three readings in place."""
-    name = begun("", asked.name)
+    name = name_prefix("", asked.name)
     constant, function = (f"{name.upper()}_MAG", f"{name}_correct") if name else ("MAG", "correct")
     prefix = f"{name}_" if name else ""
     reading = Reading("{1} - " + constant + "_OFFSET[{0}]", prefix + "linearField", SKETCH_CURVE)
     code = _fill_template(SKETCH, calibration, reading, constant=constant, function=function, prefix=prefix)
     code = replace(code, body=[*code.body, *in_sketch(calibration, constant, function)])
     code = _add_gates(code, calibration, asked, (SKETCH_STRENGTH, SKETCH_DIP), constant=constant, prefix=prefix)
-    return IN_SKETCH.added(code, calibration.unit, asked, constant=constant, prefix=prefix)
+    return SKETCH_HEADING.add_to(code, calibration.unit, asked, constant=constant, prefix=prefix)
 
 
 def write_micropython(calibration: Calibration, asked: ExportOptions) -> Written:
@@ -154,7 +154,7 @@ def write_micropython(calibration: Calibration, asked: ExportOptions) -> Written
     code = _fill_template(MODULE, calibration, reading, suffix="", row="    ({}),")
     code = replace(code, body=[*code.body, *in_module(calibration)])
     code = _add_gates(code, calibration, asked, (MODULE_STRENGTH, MODULE_DIP), suffix="")
-    return IN_PYTHON.added(code, calibration.unit, asked)
+    return PYTHON_HEADING.add_to(code, calibration.unit, asked)
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,11 +215,15 @@ def recorded_curve(calibration: Calibration) -> Linearization | None:
     >>> turned.quadratic.round(4).tolist(), turned.cubic.round(6).tolist(), turned.limit
     ([-0.002, 0.001, 0.0], [0.0, 1e-05, 0.0], array([50., 60., 40.]))
     """
-    curve, scale, back = calibration.linearization, calibration.raw.scale, unmapped(calibration)
+    curve, scale, back = calibration.linearization, calibration.raw.scale, unmapping_matrix(calibration)
     if curve is None:
         return None
     cubic, limit = np.abs(back) @ curve.cubic, np.abs(back) @ curve.limit
-    return Linearization(single(scale * back @ curve.quadratic), single(scale**2 * cubic), single(limit / scale))
+    return Linearization(
+        round_to_single(scale * back @ curve.quadratic),
+        round_to_single(scale**2 * cubic),
+        round_to_single(limit / scale),
+    )
 
 
 def _add_gates(
@@ -270,8 +274,10 @@ def gate_words(gates: Gates, unit: str) -> list[str]:
 recording
     and by more than 4.0° of dip as seldom, with a vertical that is good to 1° (1 σ)
     """
-    often = f"at most once in {round(1 / CHANCE):,} times where the field is that of the recording"
-    words = [f"a clean reading is off by more than {figures(gates.strength_limit)} {label(unit)} of strength {often}"]
+    often = f"at most once in {round(1 / FALSE_ALARM_PROBABILITY):,} times where the field is that of the recording"
+    words = [
+        f"a clean reading is off by more than {figures(gates.strength_limit)} {unit_label(unit)} of strength {often}"
+    ]
     if gates.has_dip:
         words.append(
             f"and by more than {figures(gates.dip_limit_deg)}° of dip as seldom, with a vertical that is good to "
@@ -291,10 +297,10 @@ def write_q31(calibration: Calibration, asked: ExportOptions) -> Written:
 
 
 def _write_fixed_point(calibration: Calibration, form: FixedPointFormat, whole: str, asked: ExportOptions) -> Written:
-    """Code in integers; `whole` is the type of a reading."""
-    code, name = FixedPoint.of(calibration, form), begun(DEFAULT_NAME, asked.name)
+    """Code in integers; `round_to_integers` is the type of a reading."""
+    code, name = FixedPoint.of(calibration, form), name_prefix(DEFAULT_NAME, asked.name)
     unit, places = calibration.raw.name, code.shift + form.fraction
-    text = FIXED.format(
+    text = C_FIXED_POINT.format(
         name=name,
         unit=unit,
         bits=form.bits,
@@ -310,7 +316,7 @@ def _write_fixed_point(calibration: Calibration, form: FixedPointFormat, whole: 
     )
     values = {"entries": code.entries, "shift": code.shift, "offset": code.offset, "fraction": form.fraction}
     notes = [f"readings and results are whole numbers of {unit}"]
-    return Written(code.apply, guarded(name, text.splitlines()), values, notes)
+    return Written(code.apply, add_guard(name, text.splitlines()), values, notes)
 
 
 HEADER: Final = Target(

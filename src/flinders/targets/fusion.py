@@ -26,7 +26,7 @@ import numpy as np
 from flinders.targets._code_text import float32s
 from flinders.targets._comments import BLOCK, HASH
 from flinders.targets._inertial_forms import FUSION_C, FUSION_PYTHON
-from flinders.targets._numbers import OWN, Affine, single
+from flinders.targets._numbers import OWN, Affine, round_to_single
 from flinders.targets._target import ExportOptions, Target, Written
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def write_old(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write the constants for FusionCalibrationMagnetic up to 1.1, whose offset is W b."""
     model = _model(calibration)
     with np.errstate(all="ignore"):
-        matrix, offset = single(model.matrix), single(model.matrix @ model.offset)
+        matrix, offset = round_to_single(model.matrix), round_to_single(model.matrix @ model.offset)
     note = "use: FusionCalibrationMagnetic(u, softIronMatrix, hardIronOffset); wrong from 1.2.0 on"
     body, values = _constants(matrix, offset)
     return Written(lambda raw: raw @ matrix.T - offset, body, values, [note])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from flinders.targets._code_text import begun
+from flinders.targets._code_text import name_prefix
 from flinders.targets._comments import PERCENT
 from flinders.targets._numbers import RECORDED, Affine
 from flinders.targets._target import ExportOptions, Target, Written
@@ -18,7 +18,7 @@ def write(calibration: Calibration, asked: ExportOptions) -> Written:
     affine = Affine.of(calibration, RECORDED, who="MATLAB and Octave", acts="across")
     rows = "; ".join(" ".join(f"{value:.17g}" for value in row) for row in affine.matrix.T)
     body = [
-        f"function C = {begun('flinders', asked.name)}_correct(D)",
+        f"function C = {name_prefix('flinders', asked.name)}_correct(D)",
         "  b = [" + " ".join(f"{value:.17g}" for value in affine.offset) + "];",
         f"  A = [{rows}];",
         "  C = bsxfun(@minus, D, b) * A;",

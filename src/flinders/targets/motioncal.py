@@ -25,8 +25,8 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import numpy as np
 
 from flinders.errors import DocumentError
-from flinders.targets._mounting import without_turn
-from flinders.targets._numbers import Affine, single
+from flinders.targets._mounting import split_rotation
+from flinders.targets._numbers import Affine, round_to_single
 from flinders.targets._target import ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
@@ -60,8 +60,8 @@ class MotionCalPacket:
         affine = Affine.of(calibration, "uT", who="MotionCal")
         with np.errstate(all="ignore"):
             size = float(np.exp(np.linalg.slogdet(affine.matrix)[1] / 3))
-            strength = float(single(affine.strength / size))
-            return cls(single(affine.offset), strength, single(symmetric_root(affine.matrix) / size))
+            strength = float(round_to_single(affine.strength / size))
+            return cls(round_to_single(affine.offset), strength, round_to_single(symmetric_root(affine.matrix) / size))
 
     @classmethod
     def decode(cls, content: bytes, source: str = "packet") -> Self:
@@ -119,7 +119,7 @@ def symmetric_root(matrix: Floats) -> Floats:
            [0. , 1. , 0. ],
            [0. , 0. , 0.5]])
     """
-    return matrix if np.array_equal(matrix, matrix.T) else without_turn(matrix)[0]
+    return matrix if np.array_equal(matrix, matrix.T) else split_rotation(matrix)[0]
 
 
 def crc16(content: bytes) -> int:

@@ -11,12 +11,12 @@ import json
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
-from flinders.core.disturbance import BY_KEY, Disturbance, is_column
+from flinders.core.disturbance import NAMES_BY_KEY, Disturbance, is_column
 from flinders.core.units import COUNTS, MICROTESLA
 from flinders.errors import DocumentError
 from flinders.targets._comments import HASH
 from flinders.targets._inertial_forms import PLAIN_JSON, PLAIN_YAML
-from flinders.targets._numbers import OWN, Affine, listed, loaded, numbers, shift_in_recorded_axes, yaml_text
+from flinders.targets._numbers import OWN, Affine, load_object, numbers, parse_list, shift_in_recorded_axes, yaml_text
 from flinders.targets._target import ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
@@ -79,15 +79,15 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
 
     Raises `DocumentError` for another file, or missing numbers.
     """
-    fields = loaded(content, source)
+    fields = load_object(content, source)
     unit, rows = fields.get("unit"), fields.get("matrix")
     if unit not in {MICROTESLA, COUNTS}:
         raise DocumentError(f"{source}: unit is {unit!r}: need {MICROTESLA} or {COUNTS}")
     if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
         raise DocumentError(f"{source}: matrix needs three lists of three numbers")
-    entries = listed({"matrix": [entry for row in rows for entry in row]}, "matrix", 9, source)
+    entries = parse_list({"matrix": [entry for row in rows for entry in row]}, "matrix", 9, source)
     (length,) = numbers(fields, ["field_strength"], source)
-    affine = Affine(entries.reshape(3, 3), listed(fields, "offset", 3, source), float(length))
+    affine = Affine(entries.reshape(3, 3), parse_list(fields, "offset", 3, source), float(length))
     known = fields.get("field_strength_known") is True
     return replace(
         affine.to_calibration(str(unit), known=known, strength=strength),
@@ -100,7 +100,7 @@ def _read_disturbances(fields: dict[str, Any], source: str) -> tuple[Disturbance
     columns = fields.get("columns", {})
     if not isinstance(columns, dict):
         raise DocumentError(f"{source}: columns needs an entry for each name of a column")
-    kinds = {name: fields[key] for key, name in BY_KEY.items() if key in fields}
+    kinds = {name: fields[key] for key, name in NAMES_BY_KEY.items() if key in fields}
     return tuple(_read_disturbance(name, record, source) for name, record in {**kinds, **columns}.items())
 
 
@@ -109,8 +109,8 @@ def _read_disturbance(name: str, record: object, source: str) -> Disturbance:
     if not isinstance(record, dict):
         raise DocumentError(f"{source}: {name} needs offset_per_unit, reference, recorded and lag_s")
     reference, lag, gain = numbers(record, ["reference", "lag_s", "scale_per_unit"], source)
-    low, high = listed(record, "recorded", 2, source)
-    per_unit = listed(record, "offset_per_unit", 3, source)
+    low, high = parse_list(record, "recorded", 2, source)
+    per_unit = parse_list(record, "offset_per_unit", 3, source)
     states = tuple(map(str, record.get("states", ())))
     return Disturbance(name, per_unit, float(reference), float(low), float(high), float(lag), float(gain), states)
 

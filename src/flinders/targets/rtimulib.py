@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.errors import DocumentError
-from flinders.targets._numbers import Affine, decoded, keyed, numbers
+from flinders.targets._numbers import Affine, decode_text, numbers, parse_pairs
 from flinders.targets._target import ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
 
     Raises `DocumentError` if the extremes are not valid, or numbers are missing.
     """
-    pairs = keyed(decoded(content, source), source)
+    pairs = parse_pairs(decode_text(content, source), source)
     if pairs.get(VALID_KEY) != "true":
         raise DocumentError(
             f"{source}: {VALID_KEY} is {pairs.get(VALID_KEY, 'missing')}: RTIMULib then ignores the calibration"

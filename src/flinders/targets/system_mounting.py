@@ -32,10 +32,10 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.errors import DocumentError
-from flinders.targets._code_text import begun, float32s
+from flinders.targets._code_text import float32s, name_prefix
 from flinders.targets._comments import BLOCK
-from flinders.targets._mounting import MOST_TURN_DEG, apart_deg
-from flinders.targets._numbers import decoded, numbers, single
+from flinders.targets._mounting import MAX_TURN_DEG, apart_deg
+from flinders.targets._numbers import decode_text, numbers, round_to_single
 from flinders.targets._placement import Placement, mounting_target, to_calibration
 from flinders.targets._target import ExportOptions, TargetReader, Written
 
@@ -81,14 +81,14 @@ def write_mount_matrix(calibration: Calibration, asked: ExportOptions) -> Writte
     applied = f"mount_matrix, in_mount_matrix or in_magn_mount_matrix of sysfs then shows {shown}"
     notes = [f"{applied}; the kernel multiplies nothing, programs do", *_of_a_mirror(placement)]
     body = [f"mount-matrix = {rows[0]},", f"               {rows[1]},", f"               {rows[2]};"]
-    return placement.written(matrix, body, {"mount_matrix": matrix}, notes=notes)
+    return placement.write_rotation(matrix, body, {"mount_matrix": matrix}, notes=notes)
 
 
 def _of_a_mirror(placement: Placement) -> Iterable[str]:
     """Notes on a matrix with determinant −1."""
     if not placement.is_mirror:
         return
-    axis = placement.nearest.mirrored_axis
+    axis = placement.nearest_axes.mirrored_axis
     yield (
         "its determinant is -1: mount-matrix.txt asks for a rotation matrix, sysfs-bus-iio for a unitary one, and the "
         f"kernel checks neither. Better change the sign of {axis} in the driver, and record again"
@@ -100,7 +100,7 @@ def read_matrix(content: bytes, source: str, *, strength: float | None = None) -
 
     Raises `DocumentError` for another text, and for a matrix that is no mounting.
     """
-    text = decoded(content, source)
+    text = decode_text(content, source)
     found = re.search(PROPERTY, text, re.DOTALL)
     shown = None if found else re.fullmatch(rf"\s*({SYSFS})\s*", text)
     if found is None and shown is None:
@@ -113,16 +113,16 @@ def write_android(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write the payload of AINFO_SENSOR_PLACEMENT in C++; raises `NotExportable` for a mirrored sensor."""
     placement = Placement.of(calibration, asked, who="AINFO_SENSOR_PLACEMENT")
     placement.refuse_mirror("AINFO_SENSOR_PLACEMENT")
-    back = single(placement.rotation.T)
+    back = round_to_single(placement.rotation.T)
     rows = np.column_stack([back, np.zeros(3)])
-    name = begun("magnetometer", asked.name)
+    name = name_prefix("magnetometer", asked.name)
     body = [f"static const float {name}_placement[12] = {{", *(f"    {float32s(row, 'f')}," for row in rows), "};"]
-    return placement.written(back.T, body, {"placement": rows}, notes=ANDROID_NOTES)
+    return placement.write_rotation(back.T, body, {"placement": rows}, notes=ANDROID_NOTES)
 
 
 def read_android(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
     """Read the twelve numbers; `DocumentError` for another text, and for a matrix that is no mounting."""
-    text = decoded(content, source)
+    text = decode_text(content, source)
     found = re.search(r"_placement\[12\]\s*=\s*\{([^}]*)\}", text)
     words = re.findall(NUMBER, found[1]) if found else []
     if len(words) != 12:
@@ -138,7 +138,7 @@ def write_zephyr(calibration: Calibration, asked: ExportOptions) -> Written:
     for name, index, sign in zip("xyz", axes.order, axes.signs, strict=True):
         body.append(f"axis-align-{name} = <{AXIS}{'XYZ'[index]}>;")
         body.append(f"axis-align-{name}-sign = <{AXIS}{'POS' if sign > 0 else 'NEG'}>;")
-    return placement.written(axes.matrix, body, {"axes": str(axes)}, notes=[ZEPHYR_NOTE], is_partial=is_partial)
+    return placement.write_rotation(axes.matrix, body, {"axes": str(axes)}, notes=[ZEPHYR_NOTE], is_partial=is_partial)
 
 
 def read_zephyr(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
@@ -146,7 +146,7 @@ def read_zephyr(content: bytes, source: str, *, strength: float | None = None) -
 
     Raises `DocumentError` unless they name each axis once.
     """
-    text = decoded(content, source)
+    text = decode_text(content, source)
     given = {name + sign: value for name, sign, value in ALIGN_PATTERN.findall(text)}
     if not given:
         raise DocumentError(f"{source}: need axis-align-x, -y and -z with their signs")
@@ -163,7 +163,7 @@ def write_axes_code(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write a C function that swaps axes and signs, which can also describe a mirrored sensor."""
     placement = Placement.of(calibration, asked, who="a mapping of axes in C")
     axes, is_partial = _by_right_angles(placement)
-    name = begun("magnetometer", asked.name)
+    name = name_prefix("magnetometer", asked.name)
     reads = [f"{'-' if sign < 0 else ''}sensor[{index}]" for index, sign in zip(axes.order, axes.signs, strict=True)]
     body = [
         f"static inline void {name}_to_body(const float sensor[3], float body[3])",
@@ -175,15 +175,15 @@ def write_axes_code(calibration: Calibration, asked: ExportOptions) -> Written:
         "}",
     ]
     notes = ["both may be the same array; C99, C++ and Arduino"]
-    return placement.written(axes.matrix, body, {"axes": str(axes)}, notes=notes, is_partial=is_partial)
+    return placement.write_rotation(axes.matrix, body, {"axes": str(axes)}, notes=notes, is_partial=is_partial)
 
 
 def _by_right_angles(placement: Placement) -> tuple[Axes, bool]:
     """The right-angled mounting that is written, and whether it is only the nearest one."""
     if placement.axes is not None:
         return placement.axes, False
-    nearest = placement.nearest
-    return nearest, apart_deg(placement.found, nearest.matrix) > MOST_TURN_DEG
+    nearest = placement.nearest_axes
+    return nearest, apart_deg(placement.found, nearest.matrix) > MAX_TURN_DEG
 
 
 def _of_words(words: list[str], source: str, strength: float | None, *, is_transposed: bool = False) -> Calibration:

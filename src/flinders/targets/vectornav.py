@@ -22,7 +22,7 @@ from operator import xor
 from typing import TYPE_CHECKING, Final
 
 from flinders.errors import DocumentError
-from flinders.targets._numbers import Affine, decoded, numbers
+from flinders.targets._numbers import Affine, decode_text, numbers
 from flinders.targets._target import ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
 
     Raises `DocumentError` for another sentence, or for a wrong or missing checksum.
     """
-    line = decoded(content, source).strip()
+    line = decode_text(content, source).strip()
     head = next((head for head in SENTENCE_STARTS if line.startswith(head)), None)
     if head is None or "\n" in line:
         raise DocumentError(f"{source}: need one line that starts with {' or '.join(SENTENCE_STARTS)}")

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.errors import UsageError
-from flinders.findings.catalogue import OF_CALIBRATION
-from flinders.findings.rules import linked
+from flinders.findings.catalogue import CALIBRATION_FINDINGS
+from flinders.findings.rules import link_causes
 from flinders.fitting.claim import Claim
 from flinders.fitting.evidence import Evidence
 from flinders.fitting.result import Fit, Judgement, Provenance
-from flinders.fitting.verdict import judged_parts
+from flinders.fitting.verdict import judge_calibration
 from flinders.heading.error_propagation import HeadingError
 
 if TYPE_CHECKING:
@@ -41,10 +41,10 @@ def fit_of(
         dip_assumed=is_dip_assumed,
         target_deg=target_deg,
     )
-    findings = linked(
-        judged_parts(
+    findings = link_causes(
+        judge_calibration(
             calibration,
-            ("heading-error", *OF_CALIBRATION),
+            ("heading-error", *CALIBRATION_FINDINGS),
             target_deg=target_deg,
             values={"next_step": ("record-longer",)},
             level_worst_deg=error.worst,
@@ -53,7 +53,7 @@ def fit_of(
     return Fit(calibration, Evidence(method=METHOD, noise=noise), claim, Judgement(findings), Provenance(METHOD))
 
 
-def refuse(start: Fit) -> None:
+def require_usable_start(start: Fit) -> None:
     """Raise `UsageError` for a calibration that cannot be the start of an online calibration."""
     calibration = start.calibration
     why = (

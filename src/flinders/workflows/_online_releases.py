@@ -8,7 +8,7 @@ places. Evidence is dropped, as its numbers are indices into the memory of that 
 >>> online = OnlineCalibration()
 >>> _ = online.add(tumble.field, time=tumble.time)
 >>> saved = {name: online._record[name] for name in online._record.dtype.names if name not in ("version", "newest")}
->>> again = converted(saved)
+>>> again = convert(saved)
 >>> int(again["kept"]), float(again["noise"]) == float(online._record["noise"])
 (0, True)
 """
@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.geometry.ellipsoid import symmetric
+from flinders.geometry.ellipsoid import symmetric_matrix
 from flinders.native.engine import engine
 from flinders.native.layouts import ONLINE
 
@@ -47,12 +47,12 @@ def is_of_this_release(saved: Mapping[str, Any], version: int) -> bool:
     return saved.get("version") == version and all(name in saved for name in ONLINE.names or ())
 
 
-def converted(saved: Mapping[str, Any]) -> Records:
+def convert(saved: Mapping[str, Any]) -> Records:
     """Record of this release from numbers by name.
 
     Raises ValueError unless they have a calibration, its covariance, noise and time.
     """
-    record = engine().online()
+    record = engine().make_online()
     for name in SETTINGS:
         _take(record, saved, name)
     if not (record["target_deg"] > 0.0 and abs(record["dip_deg"]) <= 89.0):
@@ -64,13 +64,13 @@ def converted(saved: Mapping[str, Any]) -> Records:
     at, noise = float(_required_numbers(saved, "latest_at", 1)[0]), float(_required_numbers(saved, "noise", 1)[0])
     if noise <= 0.0:
         raise ValueError(f"its noise is {noise:g}")
-    engine().online_know(record, latest, covariance, noise=noise, time=at)
+    engine().online_activate(record, latest, covariance, noise=noise, time=at)
     for name in (*TIMES, *LEARNT_FIELDS, *LEARNT_SIZES):
         _take(record, saved, name)
     record["now"] = max(float(record["now"]), at)
     for name in ("rates", "probable_rates"):
         if not _are_probabilities(record[name]):
-            record[name] = engine().online()[name]
+            record[name] = engine().make_online()[name]
     for name in ("in_force", "replaced"):
         if (known := _saved_numbers(saved, name, 9)) is not None and _is_surface(known):
             record[name] = known
@@ -121,4 +121,4 @@ def _are_probabilities(values: Floats) -> bool:
 
 def _is_surface(parameters: Floats) -> bool:
     """Whether offset and shape are those of an ellipsoid."""
-    return bool(np.linalg.eigvalsh(symmetric(parameters[3:]))[0] > 0.0)
+    return bool(np.linalg.eigvalsh(symmetric_matrix(parameters[3:]))[0] > 0.0)

@@ -24,8 +24,8 @@ import numpy as np
 from flinders.core import inertial_record
 from flinders.core.files import write_text
 from flinders.core.inertial import STANDARD_GRAVITY, Inertial, TiltError, Triad
-from flinders.core.joining import in_memory
-from flinders.core.keywords import spell_checked
+from flinders.core.joining import read_into_memory
+from flinders.core.keywords import check_keywords
 from flinders.core.samples import Samples
 from flinders.errors import DocumentError, NoAccelerometer, NoMagnetometer, UsageError, figures
 from flinders.estimators.accelerometer_poses import from_poses, from_readings
@@ -96,7 +96,7 @@ class AccelerometerFit:
         }
 
 
-@spell_checked()
+@check_keywords()
 def calibrate_accelerometer(
     source: AnySource | Samples, *, columns: str | None = None, gravity: float | None = None
 ) -> AccelerometerFit:
@@ -147,9 +147,9 @@ def open_acceleration(source: AnySource, columns: str | None = None) -> tuple[Re
     return open_recording(source, columns=columns), columns is not None
 
 
-def accelerations_of(recording: Recording, *, is_field: bool) -> Samples:
+def read_accelerations(recording: Recording, *, is_field: bool) -> Samples:
     """Read a recording from `open_acceleration`, with the accelerometer as `acceleration`."""
-    samples = in_memory(recording)
+    samples = read_into_memory(recording)
     if is_field or (samples.nameless and samples.acceleration is None):
         return replace(samples, acceleration=samples.field)
     return samples
@@ -158,7 +158,7 @@ def accelerations_of(recording: Recording, *, is_field: bool) -> Samples:
 def _read(source: AnySource, columns: str | None) -> Samples:
     """Open and read a recording."""
     recording, is_field = open_acceleration(source, columns)
-    return accelerations_of(recording, is_field=is_field)
+    return read_accelerations(recording, is_field=is_field)
 
 
 def _columns_without_magnetometer(source: AnySource) -> str | None:
@@ -188,7 +188,7 @@ def _with_gyro(found: AccelerometerEstimate, poses: StillPoses | None, samples: 
         found.tilt_error,
         found.poses,
         is_still=poses is not None,
-        sees_misalignment=found.sees_misalignment,
+        sees_misalignment=found.has_misalignment,
         excess=found.excess,
         source=samples.source,
     )

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from flinders.errors import UsageError
-from flinders.fitting.good_until import good_until, since_of
+from flinders.fitting.good_until import good_until, recording_date
 
 if TYPE_CHECKING:
     from datetime import datetime
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class Aged:
+class AgedCalibration:
     """A calibration at a later date: its original claim, its claim then, and when the claim has doubled."""
 
     name: str  #: name of the calibration in messages
@@ -84,7 +84,7 @@ class Aged:
         return f"Aged({self.answer}: {self.until.claim_deg:.2g}° then, {self.claim_deg:.2g}° at {self.at:%Y-%m-%d})"
 
 
-def age_of(fit: Fit, at: datetime, *, since: datetime | None = None, walk: Walk | None = None) -> Aged:
+def age_of(fit: Fit, at: datetime, *, since: datetime | None = None, walk: Walk | None = None) -> AgedCalibration:
     """Claim of a calibration at a later date, if nothing was moved.
 
     Parameters
@@ -101,10 +101,10 @@ def age_of(fit: Fit, at: datetime, *, since: datetime | None = None, walk: Walk 
     UsageError
         For a calibration without a claim or without a date.
     """
-    name, made = fit.provenance.name, since or since_of(fit.provenance.record)
+    name, made = fit.provenance.name, since or recording_date(fit.provenance.record)
     until = good_until(fit, walk=walk)
     if until is None:
         raise UsageError(f"{name} states no heading error, so that its age gives none: check it on a recording")
     if made is None:
         raise UsageError(f"{name} states no date: check it on a recording")
-    return Aged(name, made, at, until)
+    return AgedCalibration(name, made, at, until)

@@ -20,11 +20,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flinders.core.geomag import ASSUMED_DIP_DEG
-from flinders.core.joining import singles
+from flinders.core.joining import single_recordings
 from flinders.errors import NotTurned
-from flinders.estimators.columns import Coded, states_in
-from flinders.estimators.static_bench import still
-from flinders.fitting.verdict import of_alike, of_column, of_noisy
+from flinders.estimators.columns import NumericStates, column_states
+from flinders.estimators.static_bench import fit_still
+from flinders.fitting.verdict import collinearity_findings, column_findings, noise_findings
 from flinders.readers._auxiliary import with_auxiliary
 from flinders.workflows.recordings import fit_for, recording_for
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from flinders.core.calibration import Calibration
-    from flinders.estimators.static_bench import Still
+    from flinders.estimators.static_bench import StillSensor
     from flinders.findings import Finding
     from flinders.workflows.recordings import AnyCalibration, AnyReadings
 
@@ -42,7 +42,7 @@ class Bench:
     """A calibration that follows disturbances measured on a bench."""
 
     calibration: Calibration  #: the earlier calibration, with the disturbances
-    still: Still  #: the disturbances with their covariance, and the noise
+    still: StillSensor  #: the disturbances with their covariance, and the noise
     residual_deg: dict[str, float]  #: heading error, 1 σ, from the uncertainty of each disturbance, at a dip of 60°
     findings: tuple[Finding, ...]  #: limits of the disturbances
 
@@ -86,28 +86,28 @@ def fit_bench(source: AnyReadings, calibration: AnyCalibration, disturbances: Se
         For a recording in another unit or other axes than the calibration.
     """
     known = fit_for(calibration)
-    parts = tuple(singles(with_auxiliary(recording_for(source, known), disturbances)))
-    states = states_in(parts, disturbances)
-    result = still(tuple(Coded(part, states) for part in parts) if states else parts, disturbances)
+    parts = tuple(single_recordings(with_auxiliary(recording_for(source, known), disturbances)))
+    states = column_states(parts, disturbances)
+    result = fit_still(tuple(NumericStates(part, states) for part in parts) if states else parts, disturbances)
     if result is None or not result.disturbances:
         raise NotTurned(0.0 if result is None else result.noise, " and ".join(disturbances))
     result = result.with_states(states)
-    made = result.onto(known.calibration)
+    made = result.add_to(known.calibration)
     residual_deg = {each.name: _residual_deg(result, made, each.name) for each in result.disturbances}
     return Bench(made, result, residual_deg, _findings(result))
 
 
-def _findings(result: Still) -> tuple[Finding, ...]:
+def _findings(result: StillSensor) -> tuple[Finding, ...]:
     """Findings on the limits of disturbances measured on a bench."""
-    of_columns = [finding for estimate in result.estimates for finding in of_column(estimate)]
-    return (*result.findings, *of_alike(result.estimates), *of_noisy(result.estimates), *of_columns)
+    of_columns = [finding for estimate in result.estimates for finding in column_findings(estimate)]
+    return (*result.findings, *collinearity_findings(result.estimates), *noise_findings(result.estimates), *of_columns)
 
 
-def _residual_deg(result: Still, calibration: Calibration, name: str) -> float:
+def _residual_deg(result: StillSensor, calibration: Calibration, name: str) -> float:
     """Worst heading error (1 σ, degrees) from the uncertainty of a disturbance, at the far end of its range."""
     place = [disturbance.name for disturbance in result.disturbances].index(name)
     disturbance = result.disturbances[place]
     block = result.covariance[3 * place : 3 * place + 3, 3 * place : 3 * place + 3]
     sigma = float(np.sqrt(np.linalg.eigvalsh(calibration.matrix @ block @ calibration.matrix.T)[-1]))
-    away = abs(disturbance.farthest - disturbance.reference) * sigma / calibration.field_strength
+    away = abs(disturbance.extreme_value - disturbance.reference) * sigma / calibration.field_strength
     return float(np.rad2deg(away / np.cos(np.deg2rad(ASSUMED_DIP_DEG))))

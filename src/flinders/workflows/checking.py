@@ -18,22 +18,22 @@ import contextlib
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, cast
 
-from flinders.comparison.comparison import Strength, judged_at
+from flinders.comparison.comparison import LengthSums, common_dip_deg
 from flinders.comparison.level_plane import compare_on
-from flinders.core.compensation import Compensator, compensated
-from flinders.core.joining import singles
-from flinders.core.keywords import spell_checked
+from flinders.core.compensation import Compensator, compensate_recording
+from flinders.core.joining import single_recordings
+from flinders.core.keywords import check_keywords
 from flinders.diagnostics.random_walk import walk_through
 from flinders.errors import NeedsSamples, TooFewSamples
 from flinders.fitting.calibrate import fit
 from flinders.fitting.fit_json import json_of
 from flinders.fitting.result import Refused, with_name
-from flinders.fitting.verdict import of_extrapolation
+from flinders.fitting.verdict import extrapolation_findings
 from flinders.likelihood.site_field import Site, recorded_site
 from flinders.readers import open_recording
-from flinders.workflows.correction import ELSEWHERE
+from flinders.workflows.correction import PARAMETERS_ELSEWHERE
 from flinders.workflows.onboard import onboard_fit
-from flinders.workflows.recordings import fit_for, made_from, recording_for, used_at
+from flinders.workflows.recordings import compensation_at, fit_for, own_recordings, recording_for
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -56,8 +56,8 @@ class Check:
     fresh: Fit  #: fit of the recording; may be a refused fit
     comparison: Comparison | None  #: comparison of both; None if the fresh fit cannot be used
     refusal: Refused | None  #: why the fresh fit cannot be used
-    strength: Strength  #: of the recording, corrected with the calibration
-    fresh_strength: Strength | None  #: of the recording, corrected with the fresh fit
+    strength: LengthSums  #: of the recording, corrected with the calibration
+    fresh_strength: LengthSums | None  #: of the recording, corrected with the fresh fit
     made_from: tuple[str, ...]  #: names of those recordings from which the calibration was made, which prove nothing
     random_walk: RandomWalk | None  #: motion of the offset in the recording, if `follow`
     #: findings on disturbances beyond the range of the calibration; None if it follows none
@@ -130,7 +130,7 @@ class Check:
         return {} if walk is None else {"drift": walk.as_dict(level_deg=self.target_deg, dip_deg=abs(dip_deg))}
 
 
-@spell_checked(ELSEWHERE)
+@check_keywords(PARAMETERS_ELSEWHERE)
 def check(
     source: AnyReadings,
     calibration: AnyCalibration | None = None,
@@ -187,18 +187,20 @@ def check(
     ('holds', True, False)
     """
     recorded, judged = _open_both(source, calibration)
-    known, compensator = used_at(judged, at)
-    recording = compensated(recorded, compensator.calibration)
-    dip_deg = site.inclination_deg if site is not None and site.inclination_deg is not None else abs(judged_at(known))
+    known, compensator = compensation_at(judged, at)
+    recording = compensate_recording(recorded, compensator.calibration)
+    dip_deg = (
+        site.inclination_deg if site is not None and site.inclination_deg is not None else abs(common_dip_deg(known))
+    )
     asked = {"target_deg": target_deg, "dip_deg": dip_deg}
     extrapolated, strength = _extrapolation_findings(recorded, compensator), _strength(known.calibration, recording)
-    own = tuple(made_from(known, singles(recorded)))
+    own = tuple(own_recordings(known, single_recordings(recorded)))
     try:
         fresh = fit(recording, target_deg=target_deg, site=_site_of(recorded, site, dip_deg))
     except Refused as refused:
         walk = _walk_under(known, recording, dip_deg) if follow else None
         return Check(known, refused.fit, None, refused, strength, None, own, walk, extrapolated, **asked)
-    compared_deg = judged_at(known, fresh) if site is None else judged_at(fresh)
+    compared_deg = common_dip_deg(known, fresh) if site is None else common_dip_deg(fresh)
     named = with_name(fresh, "fresh fit")
     comparison = compare_on(recording, known, named, dip_deg=compared_deg, target_deg=target_deg)
     fresh_strength = _strength(fresh.calibration, recording)
@@ -219,7 +221,7 @@ def _site_of(recorded: Recording, site: Site | None, dip_deg: float) -> Site:
     """The given site, with an inclination; else the site in the log; else the inclination alone."""
     if site is not None:
         return replace(site, inclination_deg=dip_deg)
-    (first, *others) = singles(recorded)
+    (first, *others) = single_recordings(recorded)
     stated = None if others else recorded_site(getattr(first, "recording", first))
     return Site(inclination_deg=dip_deg) if stated is None else stated[0]
 
@@ -229,16 +231,16 @@ def _extrapolation_findings(recorded: Recording, compensator: Compensator) -> tu
     calibration = compensator.calibration
     if not calibration.disturbances:
         return None
-    for part in singles(recorded):
+    for part in single_recordings(recorded):
         watch = Compensator(calibration, compensator.beyond)
         for block in part.blocks():
             watch(block)
-    return tuple(of_extrapolation(calibration, compensator.beyond))
+    return tuple(extrapolation_findings(calibration, compensator.beyond))
 
 
-def _strength(calibration: Calibration, recording: Recording) -> Strength:
+def _strength(calibration: Calibration, recording: Recording) -> LengthSums:
     """Statistics of the lengths of corrected readings."""
-    return sum((Strength.under(calibration, block.field) for block in recording.blocks()), Strength())
+    return sum((LengthSums.of_corrected(calibration, block.field) for block in recording.blocks()), LengthSums())
 
 
 def _walk_of(fresh: Fit, recording: Recording) -> RandomWalk:

@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 from flinders.core.chips import Chip, ChipSetting, chips, find_chip
-from flinders.core.units import COUNTS, EARTH_WITH_ROOM_UT, PER_UNIT
-from flinders.errors import figures, in_python
+from flinders.core.units import COUNTS, PER_UNIT, WIDE_EARTH_FIELD_RANGE_UT
+from flinders.errors import figures, python_arguments
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -121,11 +121,11 @@ class ChipEvidence:
     def limits_ut(self) -> tuple[float, float]:
         """Range of plausible strengths of the field, in µT."""
         if self.site_ut is None:
-            return EARTH_WITH_ROOM_UT
+            return WIDE_EARTH_FIELD_RANGE_UT
         return (1 - SITE_SHARE) * self.site_ut, (1 + SITE_SHARE) * self.site_ut
 
 
-def propose_chip(evidence: ChipEvidence, spell: Spelling = in_python) -> ChipProposal | None:
+def propose_chip(evidence: ChipEvidence, spell: Spelling = python_arguments) -> ChipProposal | None:
     """Propose unit and axes; None if neither a name nor the readings give any."""
     if evidence.unit != COUNTS:
         return _propose_axes(evidence, spell) if evidence.chips else None

@@ -15,21 +15,21 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final, Self
 
-from flinders.core.joining import concatenated
-from flinders.core.keywords import spell_checked
-from flinders.errors import counted, in_python
-from flinders.fitting.verdict import of_extrapolation
+from flinders.core.joining import concatenate
+from flinders.core.keywords import check_keywords
+from flinders.errors import count_text, python_arguments
+from flinders.fitting.verdict import extrapolation_findings
 from flinders.heading.smoothing import Filter
 from flinders.readers import TextRecording
 from flinders.workflows.notes import Note, limits_in_codes, limits_of
-from flinders.workflows.recordings import fit_for, recording_for, used_at
+from flinders.workflows.recordings import compensation_at, fit_for, recording_for
 from flinders.workflows.suitability import CorrectionMonitor
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     from flinders.arrays import Floats
-    from flinders.comparison.comparison import Strength
+    from flinders.comparison.comparison import LengthSums
     from flinders.core.compensation import Compensator
     from flinders.core.samples import Recording, Samples, Skipped
     from flinders.errors import Spelling
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit
     from flinders.workflows.recordings import AnyCalibration, AnyReadings
 
-ELSEWHERE: Final = {
+PARAMETERS_ELSEWHERE: Final = {
     **dict.fromkeys(
         ("columns", "pattern", "unit", "scale", "axes", "sensor", "topic", "as_logged", "start", "end"),
         "flinders.open_recording",
@@ -68,8 +68,8 @@ class Smoother:
 
     def __str__(self) -> str:
         spikes, restarts = self._stream.dropped, self._stream.restarts
-        dropped = f"; {counted(spikes, 'spike')} replaced by predictions" if spikes else ""
-        again = f"; restarted {counted(restarts, 'time')}" if restarts else ""
+        dropped = f"; {count_text(spikes, 'spike')} replaced by predictions" if spikes else ""
+        again = f"; restarted {count_text(restarts, 'time')}" if restarts else ""
         return f"filtered: {self._by}; the output is {self._by.lag:g} readings late{dropped}{again}"
 
 
@@ -81,7 +81,7 @@ class Preparation:
     smoother: Smoother | None = None
 
     @property
-    def is_nothing(self) -> bool:
+    def is_identity(self) -> bool:
         """Whether samples are not changed."""
         return self.smoother is None and self.compensator.calibration.is_affine
 
@@ -92,7 +92,7 @@ class Preparation:
 
     def findings(self) -> tuple[Finding, ...]:
         """Findings on disturbances beyond the range of the calibration."""
-        return tuple(of_extrapolation(self.compensator.calibration, self.compensator.beyond))
+        return tuple(extrapolation_findings(self.compensator.calibration, self.compensator.beyond))
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready: the filter if there is one, and the findings if disturbances are followed."""
@@ -106,12 +106,12 @@ class Preparation:
 class CorrectionSummary:
     """Strength of corrected readings, and notes if they do not suit the calibration."""
 
-    strength: Strength  #: count of readings, mean strength and its spread
+    strength: LengthSums  #: count of readings, mean strength and its spread
     notes: tuple[Note, ...]  #: reasons why readings do not suit the calibration; empty if they do
     preparation: Preparation  #: effect of the filter, and disturbances beyond their range
     skipped: tuple[Skipped, ...]  #: lines or rows without a usable reading
 
-    def as_dict(self, spell: Spelling = in_python) -> dict[str, Any]:
+    def as_dict(self, spell: Spelling = python_arguments) -> dict[str, Any]:
         """JSON-ready."""
         return {
             "readings": self.strength.readings,  # count of corrected readings
@@ -125,7 +125,7 @@ class CorrectionSummary:
         strength = self.strength
         skipped = sum(each.rows for each in self.skipped)
         parts = (
-            counted(strength.readings, "reading"),
+            count_text(strength.readings, "reading"),
             f"{skipped:,} skipped" if skipped else "",
             f"strength {strength.mean:.3f} of the calibration's, spread {strength.spread:.1%}",
             limits_in_codes(self.notes),
@@ -159,24 +159,24 @@ class CorrectionStream:
         by: Filter | None = None,
     ) -> Self:
         """Start with a recording in the unit and axes of a fit; `at` and `by` as for `apply`."""
-        affine, compensator = used_at(fit, at)
+        affine, compensator = compensation_at(fit, at)
         return cls(recording, affine, Preparation(compensator, None if by is None else Smoother(by)))
 
-    def prepared(self, samples: Samples) -> Samples:
+    def prepare(self, samples: Samples) -> Samples:
         """Compensate and filter a block."""
-        self.corrector.look_at(samples)
+        self.corrector.check_resemblance(samples)
         return self.preparation(samples)
 
-    def corrected(self, samples: Samples) -> Samples:
+    def correct(self, samples: Samples) -> Samples:
         """Correct the field of a block."""
-        prepared = self.prepared(samples)
+        prepared = self.prepare(samples)
         return replace(prepared, field=self.corrector(prepared.field))
 
     def blocks(self) -> Iterator[Samples]:
         """Yield corrected blocks; empty ones are left out."""
         for block in self.recording.blocks():
             if len(block):
-                yield self.corrected(block)
+                yield self.correct(block)
 
     def summary(self) -> CorrectionSummary:
         """Summary of the readings that were corrected so far."""
@@ -202,13 +202,13 @@ class CorrectionStream:
         source = self.recording
         if not isinstance(source, TextRecording) or not source.span.is_all:
             return self._table_lines(add=add)
-        if self.preparation.is_nothing and not source.columns.is_assumed:
+        if self.preparation.is_identity and not source.columns.is_assumed:
             return source.corrected_lines(self.corrector, add=add)
         return source.corrected_lines(self._field, add=add, with_disturbances=True)
 
     def _field(self, samples: Samples) -> Floats:
         """(N, 3) corrected field of a block."""
-        return self.corrected(samples).field
+        return self.correct(samples).field
 
     def _table_lines(self, *, add: bool) -> Iterator[str]:
         """Yield the lines of a table of corrected readings, with all other columns."""
@@ -223,7 +223,7 @@ class CorrectionStream:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Corrected:
+class CorrectedRecording:
     """A corrected recording."""
 
     samples: Samples  #: with the corrected field, in the calibration's unit and axes, and all other columns
@@ -233,14 +233,14 @@ class Corrected:
         return f"Corrected({self.summary})"
 
 
-@spell_checked(ELSEWHERE)
+@check_keywords(PARAMETERS_ELSEWHERE)
 def apply(
     source: AnyReadings,
     calibration: AnyCalibration,
     *,
     at: Mapping[str, float] | None = None,
     by: Filter | str | None = None,
-) -> Corrected:
+) -> CorrectedRecording:
     """Correct a recording, and test whether it suits the calibration.
 
     `Calibration.apply` only corrects an array: this function also compensates recorded disturbances, filters, and tests
@@ -286,5 +286,5 @@ def apply(
     fit = fit_for(calibration)
     recording = recording_for(source, fit)
     stream = CorrectionStream.of(recording, fit, at=at, by=Filter.of(by) if isinstance(by, str) else by)
-    samples = concatenated(list(stream.blocks()), recording)
-    return Corrected(samples, stream.summary())
+    samples = concatenate(list(stream.blocks()), recording)
+    return CorrectedRecording(samples, stream.summary())

@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING
 
 from flinders.core.files import write_bytes, write_text
 from flinders.core.inertial import Inertial
-from flinders.core.keywords import spell_checked
+from flinders.core.keywords import check_keywords
 from flinders.core.short_repr import ShortRepr
 from flinders.errors import UsageError
 from flinders.fitting.export import export_fit, limit_lines, refuse_unfit
-from flinders.fitting.inertial_export import alone, beside, inertial_of
+from flinders.fitting.inertial_export import add_inertial, export_inertial, inertial_of
 from flinders.fitting.measurement_noise import noise_of
-from flinders.targets import taking
+from flinders.targets import find_accepting
 from flinders.targets._inertial import Asked
 from flinders.workflows.accelerometer import is_inertial, read_inertial
 from flinders.workflows.recordings import fit_for
@@ -58,7 +58,7 @@ class Exported(ShortRepr):
             write_bytes(self.export.data, path, force=force)
 
 
-@spell_checked()
+@check_keywords()
 def export(
     calibration: AnyCalibration | Inertial,
     target: str,
@@ -113,18 +113,18 @@ def export(
     >>> export(known, "arduino").text.splitlines()[0][:12]
     '/*'
     """
-    chosen, asked = taking(target, compass=compass, code_name=name, noise=noise), Asked(imu, name)
+    chosen, asked = find_accepting(target, compass=compass, code_name=name, noise=noise), Asked(imu, name)
     if isinstance(calibration, str | os.PathLike) and is_inertial(calibration):
         calibration = read_inertial(calibration)
     if isinstance(calibration, Inertial):
         if noise or sensors or compass is not None or mounting is not None:
             raise UsageError("the calibration is that of an accelerometer: leave out the options for a compass")
-        return Exported(alone(chosen, calibration, asked, lossy=lossy), (), ())
+        return Exported(export_inertial(chosen, calibration, asked, lossy=lossy), (), ())
     fit = fit_for(calibration)
     refuse_unfit(fit)
     found = inertial_of(fit, chosen, sensors)
     made, notes = export_fit(fit, chosen, compass=compass, lossy=lossy, mounting=mounting, name=name, noise=noise)
-    made = beside(made, chosen, found, asked, lossy=lossy)
+    made = add_inertial(made, chosen, found, asked, lossy=lossy)
     return Exported(made, tuple(notes), tuple(limit_lines(fit)))
 
 

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from flinders.core.frames import labels_of, with_columns
-from flinders.core.silence import silent
+from flinders.core.silence import find_silent
 from flinders.errors import NoAccelerometer, UnknownParameter, UsageError, did_you_mean
 from flinders.fitting.result import bare_fit
 from flinders.readers._table import TableRecording, named_part
@@ -88,7 +88,7 @@ def _usable_rows(table: TableRecording) -> NDArray[np.bool_]:
     """(N,) whether a row is a usable reading, as in `Samples.recorded`."""
     fields = [table.columns.readings(values.T) for values in table.table.rows(table.columns.cells)]
     field = np.concatenate(fields)
-    usable: NDArray[np.bool_] = np.isfinite(field).all(axis=1) & ~silent(field)
+    usable: NDArray[np.bool_] = np.isfinite(field).all(axis=1) & ~find_silent(field)
     return usable
 
 

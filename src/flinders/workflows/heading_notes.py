@@ -1,10 +1,10 @@
 """Notes on headings: their site, the tilt of a level sensor, an accelerometer that does not suit.
 
->>> from flinders.heading.compass import Compass, Voyage
+>>> from flinders.heading.compass import Compass, HeadingSums
 >>> from flinders.core.calibration import Calibration
 >>> compass = Compass(Calibration.identity(field_strength=50.0), "level")
 >>> claim = HeadingClaim(dip_deg=60.0, dip_source="assumed")
->>> [note.code for note in heading_notes(Voyage(readings=3, without_heading=1), compass, None, claim)]
+>>> [note.code for note in heading_notes(HeadingSums(readings=3, without_heading=1), compass, None, claim)]
 ['without-heading', 'tilt-cost']
 """
 
@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal
 
 from flinders.core.axes import Axes
-from flinders.errors import counted
-from flinders.heading.axis_consistency import EVERY, OPPOSITE, after
+from flinders.errors import count_text
+from flinders.heading.axis_consistency import ALL_AXES, ALL_NEGATED, composed_axes
 from flinders.heading.compass import LEVEL
 from flinders.workflows.notes import Note
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from flinders.core.geomag import SiteField
-    from flinders.heading.compass import Compass, Voyage
+    from flinders.heading.compass import Compass, HeadingSums
     from flinders.heading.error_propagation import HeadingError
 
 MAX_DIP_DIFFERENCE_DEG: Final = 3.0
@@ -53,7 +53,7 @@ class HeadingClaim:
 
 
 def heading_notes(
-    voyage: Voyage, compass: Compass, site: SiteField | None, claim: HeadingClaim, doubts: Sequence[Note] = ()
+    voyage: HeadingSums, compass: Compass, site: SiteField | None, claim: HeadingClaim, doubts: Sequence[Note] = ()
 ) -> tuple[Note, ...]:
     """Notes on limits of headings, and other notes on them.
 
@@ -65,21 +65,21 @@ def heading_notes(
     return tuple(_notes(voyage, compass, site, claim, doubts))
 
 
-def is_tilted(voyage: Voyage, claim: HeadingClaim) -> bool:
+def is_tilted(voyage: HeadingSums, claim: HeadingClaim) -> bool:
     """Whether the vertical field of a sensor that should be level varies; False for a calibration by a level turn."""
     return voyage.frames.is_foreign and claim.dip_source != "calibration"
 
 
 def _notes(
-    voyage: Voyage, compass: Compass, site: SiteField | None, claim: HeadingClaim, doubts: Sequence[Note]
+    voyage: HeadingSums, compass: Compass, site: SiteField | None, claim: HeadingClaim, doubts: Sequence[Note]
 ) -> Iterator[Note]:
     yield from doubts
-    if site is not None and site.doubt:
-        yield Note("weak-field", "limits", {"words": site.doubt})
+    if site is not None and site.warning:
+        yield Note("weak-field", "limits", {"words": site.warning})
     if voyage.has_none:
         yield Note("no-heading", "limits")
     elif voyage.without_heading:
-        yield Note("without-heading", values={"readings": counted(voyage.without_heading, "reading")})
+        yield Note("without-heading", values={"readings": count_text(voyage.without_heading, "reading")})
     if compass.formula == LEVEL:
         yield Note("tilt-cost", values={"cost": math.tan(math.radians(abs(claim.dip_deg)))})
         if not doubts:
@@ -88,14 +88,14 @@ def _notes(
         yield from _tilted_notes(voyage, compass, site, claim)
 
 
-def _level_notes(voyage: Voyage, claim: HeadingClaim) -> Iterator[Note]:
+def _level_notes(voyage: HeadingSums, claim: HeadingClaim) -> Iterator[Note]:
     if is_tilted(voyage, claim):
         yield Note("tilted", "limits")
     elif _is_z_up(voyage, claim):
         yield Note("z-up", "limits")
 
 
-def _is_z_up(voyage: Voyage, claim: HeadingClaim) -> bool:
+def _is_z_up(voyage: HeadingSums, claim: HeadingClaim) -> bool:
     """Whether the vertical field of a level sensor has the opposite sign to the expected one."""
     seen, scatter = voyage.frames.dip()
     if claim.dip_source == "calibration":  # a level turn, in which the vertical field is not observed
@@ -103,7 +103,7 @@ def _is_z_up(voyage: Voyage, claim: HeadingClaim) -> bool:
     return bool(seen * claim.dip_deg < 0.0 and abs(seen) > max(MIN_VERTICAL_SHARE, 2.0 * scatter))
 
 
-def _tilted_notes(voyage: Voyage, compass: Compass, site: SiteField | None, claim: HeadingClaim) -> Iterator[Note]:
+def _tilted_notes(voyage: HeadingSums, compass: Compass, site: SiteField | None, claim: HeadingClaim) -> Iterator[Note]:
     if compass.formula == "an3192":
         yield Note("an3192", "limits")
     frames = voyage.frames
@@ -114,15 +114,15 @@ def _tilted_notes(voyage: Voyage, compass: Compass, site: SiteField | None, clai
     yield Note("mounting-unobserved")
 
 
-def _dip_notes(voyage: Voyage, turned: Axes, site: SiteField | None, claim: HeadingClaim) -> Iterator[Note]:
+def _dip_notes(voyage: HeadingSums, turned: Axes, site: SiteField | None, claim: HeadingClaim) -> Iterator[Note]:
     """Notes from the dip on iron, axes and the sign of the acceleration; `turned` are the mapped axes of the latter."""
     dip, scatter = voyage.frames.dip_deg
     if voyage.frames.is_foreign:
         yield Note("foreign-accelerometer", "limits", {"scatter_deg": scatter})
         return
     if claim.dip_source == "measured" and dip < 0.0:
-        needed = after(Axes.of(OPPOSITE), turned)
-        axes_needed = "" if needed == EVERY[0] else str(needed)
+        needed = composed_axes(Axes.of(ALL_NEGATED), turned)
+        axes_needed = "" if needed == ALL_AXES[0] else str(needed)
         yield Note("dip-upward", "limits", {"up_deg": -dip, "axes_needed": axes_needed})
     if site is not None and abs(dip - site.inclination_deg) > max(MAX_DIP_DIFFERENCE_DEG, 2.0 * scatter):
         yield Note("dip-off-model", "limits", {"difference_deg": dip - site.inclination_deg})

@@ -20,10 +20,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flinders.core.geomag import recorded_field
-from flinders.core.keywords import spell_checked
+from flinders.core.keywords import check_keywords
 from flinders.heading.compass import Headings
 from flinders.heading.smoothing import Filter
-from flinders.workflows.correction import ELSEWHERE
+from flinders.workflows.correction import PARAMETERS_ELSEWHERE
 from flinders.workflows.heading_stream import HeadingStream
 from flinders.workflows.recordings import fit_for, recording_for
 
@@ -48,7 +48,7 @@ class HeadingSeries:
         return f"HeadingSeries({self.summary})"
 
 
-@spell_checked(ELSEWHERE)
+@check_keywords(PARAMETERS_ELSEWHERE)
 def headings(
     source: AnyReadings,
     calibration: AnyCalibration,
@@ -145,4 +145,4 @@ def headings(
         times.append(samples.time)
     known = [time for time in times if time is not None]
     time = np.concatenate(known) if known and len(known) == len(times) else None
-    return HeadingSeries(Headings.joined(blocks), time, stream.summary())
+    return HeadingSeries(Headings.concatenate(blocks), time, stream.summary())

@@ -20,9 +20,9 @@ import numpy as np
 
 from flinders.core.axes import Axes
 from flinders.core.geomag import ASSUMED_DIP_DEG
-from flinders.errors import UsageError, counted, in_python
-from flinders.heading.compass import LEVEL, Compass, Headings, Voyage
-from flinders.heading.error_propagation import STEEPEST_DIP_DEG, level_bound_deg, level_error, tilted_error
+from flinders.errors import UsageError, count_text, python_arguments
+from flinders.heading.compass import LEVEL, Compass, Headings, HeadingSums
+from flinders.heading.error_propagation import MAX_DIP_DEG, level_bound_deg, level_error, tilted_error
 from flinders.readers import TextRecording
 from flinders.workflows.correction import CorrectionStream
 from flinders.workflows.heading_notes import HeadingClaim, heading_notes
@@ -52,14 +52,14 @@ MIN_JUDGED_READINGS: Final = 1000
 class HeadingSummary:
     """Summary of headings: tilt and dip, the expected error, and its limits."""
 
-    voyage: Voyage  #: counts of readings and of those without a heading, tilt, measured dip
+    voyage: HeadingSums  #: counts of readings and of those without a heading, tilt, measured dip
     compass: Compass  #: formula, declination and axes of the acceleration
     site: SiteField | None  #: field at the place; None if the place is unknown
     claim: HeadingClaim
     correction: CorrectionSummary  #: strength of the corrected field, and reasons if readings do not suit
     notes: tuple[Note, ...]  #: limits of the headings, and other notes on them
 
-    def as_dict(self, spell: Spelling = in_python) -> dict[str, Any]:
+    def as_dict(self, spell: Spelling = python_arguments) -> dict[str, Any]:
         """JSON-ready."""
         claim = self.claim
         return {
@@ -88,8 +88,8 @@ class HeadingSummary:
         kind = "magnetic" if self.compass.declination_deg is None else "true"
         error, without = self.claim.level, self.voyage.without_heading
         parts = (
-            counted(self.voyage.readings - without, f"{kind} heading"),
-            f"{counted(without, 'reading')} without one" if without else "",
+            count_text(self.voyage.readings - without, f"{kind} heading"),
+            f"{count_text(without, 'reading')} without one" if without else "",
             "no error stated" if error is None else f"error {error.rms:.2g}° rms, {error.worst:.2g}° worst while level",
             limits_in_codes(self.notes),
         )
@@ -114,7 +114,7 @@ class HeadingStream:
     compass: Compass
     site: SiteField | None = None
     dip_deg: float | None = None  # as given
-    voyage: Voyage = field(default_factory=Voyage)  # statistics of the readings so far
+    voyage: HeadingSums = field(default_factory=HeadingSums)  # statistics of the readings so far
 
     @classmethod
     def of(
@@ -184,11 +184,11 @@ class HeadingStream:
         """
         judged_next = MIN_JUDGED_READINGS
         for numbers, recorded in self._numbered_blocks():
-            samples = self.correction.prepared(recorded)
+            samples = self.correction.prepare(recorded)
             self.corrector(samples.field)
             self._set_gravity(samples)
             headings = self.compass.read(samples)
-            self.voyage += Voyage.of(headings)
+            self.voyage += HeadingSums.of(headings)
             if self.voyage.readings >= judged_next:
                 judged_next = 2 * self.voyage.readings
                 self._require_same_axes()
@@ -235,7 +235,7 @@ class HeadingStream:
         }
         finite = ((source, dip) for source, dip in known.items() if dip is not None and math.isfinite(dip))
         source, dip = next(finite)
-        return float(np.clip(dip, -STEEPEST_DIP_DEG, STEEPEST_DIP_DEG)), source
+        return float(np.clip(dip, -MAX_DIP_DEG, MAX_DIP_DEG)), source
 
     def down_in_body(self) -> Floats:
         """(3,) direction of down when the vehicle is level, in corrected axes."""

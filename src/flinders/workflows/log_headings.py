@@ -19,10 +19,10 @@ import numpy as np
 
 from flinders.core.compensation import Compensator
 from flinders.core.geomag import recorded_field
-from flinders.core.joining import in_memory, singles
+from flinders.core.joining import read_into_memory, single_recordings
 from flinders.errors import InputError
-from flinders.geometry.angles import folded, wrapped
-from flinders.geometry.quaternions import inverse, rotated
+from flinders.geometry.angles import wrap_180, wrap_360
+from flinders.geometry.quaternions import inverse, rotate_vectors
 from flinders.heading.attitude import level_heading_deg, magnetic_heading_deg
 from flinders.targets._mounting import euler
 
@@ -51,7 +51,7 @@ class HeadingHistory:
     @property
     def difference_deg(self) -> Floats:
         """(N,) old minus new heading, −180 to 180."""
-        return folded(self.old_deg - self.new_deg)
+        return wrap_180(self.old_deg - self.new_deg)
 
 
 def heading_history(recording: Recording, old: Calibration, new: Calibration) -> HeadingHistory | None:
@@ -68,7 +68,7 @@ def heading_history(recording: Recording, old: Calibration, new: Calibration) ->
     old, new : Calibration
         Disturbances that they follow are compensated if logged, and else assumed at their reference.
     """
-    parts, samples = list(singles(recording)), in_memory(recording)
+    parts, samples = list(single_recordings(recording)), read_into_memory(recording)
     time = samples.time
     if len(parts) > 1 or time is None or len(time) < 2 or not (np.diff(time) >= 0.0).all() or time[-1] <= time[0]:
         return None
@@ -78,7 +78,7 @@ def heading_history(recording: Recording, old: Calibration, new: Calibration) ->
     declination_deg = None if site is None else site.declination_deg
     turned, added = None if force is None else force @ turn.T, declination_deg or 0.0
     by_old, by_new = (
-        wrapped(_magnetic_headings(_correct(samples, each) @ turn.T, turned) + added) for each in (old, new)
+        wrap_360(_magnetic_headings(_correct(samples, each) @ turn.T, turned) + added) for each in (old, new)
     )
     yaw = None if levelled_by != "attitude" else _yaw(samples, turn)
     return HeadingHistory(time - time[0], by_old, by_new, yaw, levelled_by, declination_deg, is_vehicle)
@@ -106,7 +106,7 @@ def _force(samples: Samples) -> tuple[Levelling, Floats | None]:
     """Source of the vertical, and (N, 3) specific force in any unit, None for a level vehicle."""
     attitude, acceleration = samples.attitude, samples.acceleration
     if attitude is not None and np.isfinite(attitude).all(axis=1).any():
-        return "attitude", -rotated(inverse(attitude), DOWN)
+        return "attitude", -rotate_vectors(inverse(attitude), DOWN)
     if acceleration is not None and np.isfinite(acceleration).all(axis=1).any():
         return "acceleration", acceleration
     return "nothing", None
@@ -120,5 +120,5 @@ def _magnetic_headings(corrected: Floats, force: Floats | None) -> Floats:
 def _yaw(samples: Samples, turn: Floats) -> Floats:
     """(N,) heading of the x axis by the attitude."""
     assert samples.attitude is not None
-    north, east, _ = rotated(samples.attitude, FORWARD @ turn).T
-    return wrapped(np.rad2deg(np.arctan2(east, north)))
+    north, east, _ = rotate_vectors(samples.attitude, FORWARD @ turn).T
+    return wrap_360(np.rad2deg(np.arctan2(east, north)))

@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal
 
-from flinders.errors import in_python
+from flinders.errors import python_arguments
 from flinders.readers._likeness import looks_like
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ class Note:
     severity: Literal["limits", "note"] = "note"  #: ``limits`` if it limits the result, else ``note``
     values: Mapping[str, Any] = field(default_factory=dict)  #: numbers and names for the sentence
 
-    def words(self, spell: Spelling = in_python) -> str:
+    def words(self, spell: Spelling = python_arguments) -> str:
         """The sentence, with arguments in the spelling of an interface."""
         if self.code == "looks-like":
             return looks_like(self.values["what"], spell({"columns": self.values["columns"]}))
@@ -102,6 +102,6 @@ def limits_in_codes(notes: Iterable[Note]) -> str:
     return f"limited by {', '.join(codes)}" if codes else ""
 
 
-def limits_of(notes: Iterable[Note], spell: Spelling = in_python) -> list[str]:
+def limits_of(notes: Iterable[Note], spell: Spelling = python_arguments) -> list[str]:
     """Sentences of the limiting notes."""
     return [note.words(spell) for note in notes if note.severity == "limits"]

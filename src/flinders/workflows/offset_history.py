@@ -22,10 +22,10 @@ from typing import TYPE_CHECKING, Final, Self
 import msgspec
 import numpy as np
 
-from flinders.core.files import reason
+from flinders.core.files import reason_and_remedy
 from flinders.core.geomag import ASSUMED_DIP_DEG
 from flinders.errors import DocumentError
-from flinders.estimators.data import LARGEST, SMALLEST
+from flinders.estimators.data import MAX_READING, MIN_READING
 from flinders.fitting.fit_file import load
 from flinders.workflows.online import FORMAT, OnlineCalibration
 from flinders.workflows.walk import walk_of
@@ -40,7 +40,7 @@ MIN_STEP_S: Final = 7200.0
 """Smallest time between estimates that are used for a walk; closer ones count as one estimate."""
 MAX_ESTIMATES: Final = 400
 """Largest count of estimates that are used for a walk."""
-FROM_1970_S: Final = 1e8
+MIN_EPOCH_S: Final = 1e8
 """Smallest time in seconds that counts as a date, from 1970."""
 MAX_EPOCH_S: Final = 2.5e11
 """Largest time of a date, in seconds from 1970."""
@@ -97,12 +97,12 @@ class OffsetHistory:
                 return cls.of(OnlineCalibration.load(path), name=name)
             return cls._of_lines(path, name)
         except OSError as error:
-            raise DocumentError(f"{path}: cannot be read: {reason(error)}") from None
+            raise DocumentError(f"{path}: cannot be read: {reason_and_remedy(error)}") from None
 
     @classmethod
     def _of_folder(cls, folder: Path, name: str) -> Self:
         """Read the history from files of adopted calibrations."""
-        times = {path: time for path in folder.iterdir() if (time := adopted_s(path.name)) is not None}
+        times = {path: time for path in folder.iterdir() if (time := adoption_time_s(path.name)) is not None}
         if not times:
             raise DocumentError(
                 f"{folder}: holds no calibration-TIME.json: give a folder of calibrations that `flinders watch` "
@@ -140,7 +140,7 @@ class OffsetHistory:
         if last is None or last.radius is None:
             raise DocumentError(f"{path}: no line has an offset, as no calibration was found yet: record for longer")
         table = np.frombuffer(rows).reshape(-1, 7)
-        if last.radius < SMALLEST or np.abs(table).max() > LARGEST:
+        if last.radius < MIN_READING or np.abs(table).max() > MAX_READING:
             raise DocumentError(
                 f"{path}: has implausible numbers for a magnetometer: give the lines of JSON as they were printed"
             )
@@ -158,7 +158,7 @@ class OffsetHistory:
     @property
     def is_dated(self) -> bool:
         """Whether times count from 1970."""
-        return bool(len(self.time_s)) and bool(self.time_s[0] >= FROM_1970_S)
+        return bool(len(self.time_s)) and bool(self.time_s[0] >= MIN_EPOCH_S)
 
     @property
     def estimates(self) -> Self:
@@ -184,7 +184,7 @@ class OffsetHistory:
         return walk_of(estimates.time_s, estimates.offset, estimates.sigma)
 
 
-def histories_in(paths: Sequence[str | os.PathLike[str]]) -> dict[Path, str]:
+def find_histories(paths: Sequence[str | os.PathLike[str]]) -> dict[Path, str]:
     """Paths of histories of units with their names, from their files or folders.
 
     A folder without adopted calibrations is searched for such files or folders. If several have the same name, all are
@@ -198,11 +198,11 @@ def histories_in(paths: Sequence[str | os.PathLike[str]]) -> dict[Path, str]:
 def _histories_at(path: Path) -> Iterable[Path]:
     """Paths of the histories at a path."""
     try:
-        if not path.is_dir() or any(adopted_s(each.name) is not None for each in path.iterdir()):
+        if not path.is_dir() or any(adoption_time_s(each.name) is not None for each in path.iterdir()):
             return [path]
         found = sorted(each for each in path.iterdir() if is_history(each))
     except OSError as error:
-        raise DocumentError(f"{path}: cannot be read: {reason(error)}") from None
+        raise DocumentError(f"{path}: cannot be read: {reason_and_remedy(error)}") from None
     if not found:
         raise DocumentError(f"{path}: holds no output of `flinders watch`: give states, or adopted calibrations")
     return found
@@ -220,21 +220,21 @@ def is_history(path: str | os.PathLike[str]) -> bool:
     return f'"{FORMAT}"'.encode() in head or re.match(rb'\{ *"kind" *:', head) is not None
 
 
-def adopted_name(time_s: float) -> str:
+def adoption_file_name(time_s: float) -> str:
     """Name of a calibration file, from the time at which it came into force.
 
-    >>> adopted_name(1795946435.0), adopted_name(4.836)
+    >>> adoption_file_name(1795946435.0), adoption_file_name(4.836)
     ('calibration-20261129T100035Z.json', 'calibration-4.84s.json')
     """
-    if not FROM_1970_S <= time_s <= MAX_EPOCH_S:
+    if not MIN_EPOCH_S <= time_s <= MAX_EPOCH_S:
         return f"calibration-{time_s:.2f}s.json"
     return f"calibration-{datetime.fromtimestamp(time_s, UTC):%Y%m%dT%H%M%SZ}.json"
 
 
-def adopted_s(name: str) -> float | None:
+def adoption_time_s(name: str) -> float | None:
     """Time in s in the name of a calibration file; None for other names.
 
-    >>> adopted_s("calibration-20261129T100035Z.json"), adopted_s("calibration-4.84s.json"), adopted_s("old.json")
+    >>> adoption_time_s("calibration-20261129T100035Z.json"), adoption_time_s("calibration-4.84s.json"), adoption_time_s("old.json")
     (1795946435.0, 4.84, None)
     """
     match = ADOPTED_NAME.fullmatch(name)

@@ -22,9 +22,9 @@ from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 import numpy as np
 
-from flinders.comparison.comparison import judged_at
+from flinders.comparison.comparison import common_dip_deg
 from flinders.comparison.level_plane import compare_on
-from flinders.core.joining import singles
+from flinders.core.joining import single_recordings
 from flinders.core.samples import onboard_of
 from flinders.errors import NoOnboardCalibration
 from flinders.fitting.result import Fit, bare_fit, with_calibration
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from flinders.native.faults import Answer
     from flinders.readers import Stored
 
-NAME: Final = "the calibration on board"
+ONBOARD_NAME: Final = "the calibration on board"
 """Name of the calibration on board in messages."""
 
 
@@ -102,7 +102,7 @@ def judge_onboard(recording: Recording, fit: Fit) -> OnboardCheck | None:
         with_calibration(fit, fit.calibration.affine),
         _at_disturbances_of(onboard, fit.calibration, recording),
     )
-    known, target_deg = bare_fit(steady, name=NAME), fit.claim.target_deg
+    known, target_deg = bare_fit(steady, name=ONBOARD_NAME), fit.claim.target_deg
     ellipsoid = fit.calibration.ellipsoid
     strength, spread = fit.evidence.coverage.corrected_strength(ellipsoid, steady)
     stored = _stored_calibrations(recording)
@@ -113,7 +113,7 @@ def judge_onboard(recording: Recording, fit: Fit) -> OnboardCheck | None:
         getattr(_parts(recording)[-1], "mounting", None),
         strength,
         math.hypot(spread, fit.evidence.noise / ellipsoid.radius),
-        compare_on(recording, known, plain, dip_deg=judged_at(fit), target_deg=target_deg),
+        compare_on(recording, known, plain, dip_deg=common_dip_deg(fit), target_deg=target_deg),
     )
 
 
@@ -125,7 +125,7 @@ def onboard_fit(recording: Recording) -> Fit:
     onboard = onboard_of(recording)
     if onboard is None:
         _refuse_unknown(recording)
-    return bare_fit(onboard, name=NAME)
+    return bare_fit(onboard, name=ONBOARD_NAME)
 
 
 def _refuse_unknown(recording: Recording) -> NoReturn:
@@ -150,7 +150,7 @@ def _refuse_unknown(recording: Recording) -> NoReturn:
 
 def _parts(recording: Recording) -> list[Recording]:
     """The single recordings of a recording, as opened."""
-    return [getattr(part, "recording", part) for part in singles(recording)]
+    return [getattr(part, "recording", part) for part in single_recordings(recording)]
 
 
 def _stored_calibrations(recording: Recording) -> list[Stored]:
@@ -170,7 +170,7 @@ def _means(names: Iterable[str], recording: Recording) -> dict[str, float]:
     """Means of recorded disturbances over the readings, without disturbances that were not recorded."""
     means = {}
     for name in names:
-        columns = [block.driving(name) for block in recording.blocks()]
+        columns = [block.disturbance_values(name) for block in recording.blocks()]
         known = [column[np.isfinite(column)] for column in columns if column is not None]
         values = np.concatenate([np.empty(0), *known])
         if len(values):

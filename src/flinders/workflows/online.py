@@ -25,10 +25,10 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import msgspec
 import numpy as np
 
-from flinders.arrays import vectors
+from flinders.arrays import check_vectors
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
-from flinders.core.disturbance import Disturbance, effect, named
+from flinders.core.disturbance import Disturbance, shift_and_gain, values_by_name
 from flinders.core.files import read_bytes, write_text
 from flinders.core.geomag import ASSUMED_DIP_DEG
 from flinders.core.offset_walk import Walk
@@ -38,11 +38,11 @@ from flinders.errors import DocumentError, UsageError
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.native.engine import engine
 from flinders.native.layouts import ONLINE
-from flinders.workflows._online_files import finite, listed, numbers, record_of
-from flinders.workflows._online_fit import fit_of, refuse
-from flinders.workflows._online_releases import converted, is_of_this_release
-from flinders.workflows.online_events import CODES, DOING, WORDS, OnlineEvent, OnlineState
-from flinders.workflows.timeline import UNKNOWN, OnlinePoint, Timeline
+from flinders.workflows._online_files import json_of, json_of_record, numbers_from_json, record_from
+from flinders.workflows._online_fit import fit_of, require_usable_start
+from flinders.workflows._online_releases import convert, is_of_this_release
+from flinders.workflows.online_events import ACTIVITIES, CODES, WORDS, OnlineEvent, OnlineState
+from flinders.workflows.timeline import UNKNOWN_VECTOR, OnlinePoint, Timeline
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -58,7 +58,7 @@ SOURCE: Final = "the readings"
 FORMAT: Final = "flinders online calibration"
 MAX_BYTES: Final = 4_000_000
 """Largest size of a state file."""
-HISTORY: Final = 1000
+MAX_EVENTS: Final = 1000
 """Largest count of events in `history`."""
 NO_TIME_S: Final = -1e99
 """Time in the engine before the first reading."""
@@ -116,18 +116,18 @@ class OnlineCalibration:
         self._axes = mapped if start is None else start.calibration.axes
         self._frame = frame if start is None else start.calibration.frame
         self._start, self._sensor, self._strength = start, None, None
-        self._disturbances, self._reference = tuple[Disturbance, ...](), vectors(np.zeros(3))
+        self._disturbances, self._reference = tuple[Disturbance, ...](), check_vectors(np.zeros(3))
         self._is_dip_assumed, self._history = dip_deg is None, list[OnlineEvent]()
         self._is_converted = False
         self._timeline = Timeline()
-        self._record = engine().online()
+        self._record = engine().make_online()
         self.target_deg = target_deg
         self._record["dip_deg"] = ASSUMED_DIP_DEG if dip_deg is None else dip_deg
         if walk is not None:
-            known = walk if isinstance(walk, Walk) else Walk.known(walk)
+            known = walk if isinstance(walk, Walk) else Walk.from_rate(walk)
             engine().online_expect_walk(self._record, known.rate, known.log_sigma)
         if start is not None:
-            refuse(start)
+            require_usable_start(start)
             calibration = start.calibration
             self._sensor = calibration.sensor
             self._disturbances, self._reference = calibration.disturbances, calibration.offset
@@ -230,7 +230,7 @@ class OnlineCalibration:
 
     def _compensate(self, field: Floats, values: Mapping[str, ArrayLike | None]) -> Floats:
         """Readings compensated to the references of the disturbances."""
-        shift, gain = effect(self._disturbances, named(self._disturbances, **values))
+        shift, gain = shift_and_gain(self._disturbances, values_by_name(self._disturbances, **values))
         quiet: Floats = self._reference + (field - self._reference - shift) / gain[..., np.newaxis]
         return quiet
 
@@ -276,12 +276,12 @@ class OnlineCalibration:
         return [OnlineEvent(state.time_s, code, state.heading_error_deg) for code in codes]
 
     def _note(self, found: list[OnlineEvent]) -> None:
-        self._history = [*self._history, *found][-HISTORY:]
+        self._history = [*self._history, *found][-MAX_EVENTS:]
 
     def _start_with(self, start: Fit, at: float) -> None:
         """Put the start calibration in force."""
         parameters, covariance = start.calibration.ellipsoid.parameters, start.claim.claimed_covariance
-        engine().online_know(self._record, parameters, covariance, noise=start.evidence.noise, time=at)
+        engine().online_activate(self._record, parameters, covariance, noise=start.evidence.noise, time=at)
         self._start = None
 
     @property
@@ -298,10 +298,10 @@ class OnlineCalibration:
     def at(self, time_s: float) -> OnlineState:
         """Predicted state at a time without further readings."""
         claim = engine().online_claim(self._record, time_s)
-        offset, offset_sigma = self._offset(claim) if self._record["state"] else (UNKNOWN, UNKNOWN)
+        offset, offset_sigma = self._offset(claim) if self._record["state"] else (UNKNOWN_VECTOR, UNKNOWN_VECTOR)
         return OnlineState(
             time_s,
-            DOING[int(self._record["state"])],
+            ACTIVITIES[int(self._record["state"])],
             heading_error_deg=float(claim["worst_deg"]),
             bound_deg=float(claim["bound_deg"]),
             latest_deg=float(claim["latest_deg"]),
@@ -400,7 +400,7 @@ class OnlineCalibration:
     def adopt(self) -> None:
         """Put the newest calibration in force, also if locked; `UsageError` if there is none."""
         self._require()
-        engine().online_adopt(self._record)
+        engine().online_activate_latest(self._record)
         self._note([OnlineEvent(self.state.time_s, "adopted", self.state.heading_error_deg)])
         self._put(["adopted"])
 
@@ -409,7 +409,7 @@ class OnlineCalibration:
         self._require()
         if np.isnan(self._record["replaced"]).any():
             raise UsageError("there is no previous calibration to take back")
-        engine().online_take_back(self._record)
+        engine().online_revert(self._record)
         self._note([OnlineEvent(self.state.time_s, "taken-back", self.state.heading_error_deg)])
         self._put(["taken-back"])
 
@@ -434,9 +434,9 @@ class OnlineCalibration:
             "dip_assumed": self._is_dip_assumed,
             "disturbances": [asdict(one) | {"per_unit": one.per_unit.tolist()} for one in self._disturbances],
             "reference": self._reference.tolist(),
-            "history": [finite(asdict(event)) for event in self._history],
+            "history": [json_of(asdict(event)) for event in self._history],
             "timeline": self._timeline.as_dict(),
-            "record": {name: listed(self._record[name]) for name in ONLINE.names or ()},
+            "record": {name: json_of_record(self._record[name]) for name in ONLINE.names or ()},
         }
         write_text(msgspec.json.encode(content).decode() + "\n", path, force=True)
 
@@ -466,15 +466,15 @@ class OnlineCalibration:
         online._strength, online._sensor = content.get("field_strength"), content.get("sensor")
         online._is_dip_assumed = bool(content.get("dip_assumed", True))
         online._disturbances = tuple(Disturbance(**one) for one in content.get("disturbances", ()))
-        online._reference = vectors(content.get("reference", (0.0, 0.0, 0.0)), "the offset of its disturbances")
+        online._reference = check_vectors(content.get("reference", (0.0, 0.0, 0.0)), "the offset of its disturbances")
         online._history = [
             OnlineEvent(**{**event, "heading_error_deg": float(event["heading_error_deg"])})
             for event in content.get("history", [])
             if event["code"] in WORDS  # another release has other codes
         ]
-        saved = {name: numbers(values) for name, values in content["record"].items()}
+        saved = {name: numbers_from_json(values) for name, values in content["record"].items()}
         online._is_converted = not is_of_this_release(saved, int(online._record["version"]))
-        online._record = converted(saved) if online._is_converted else record_of(saved)
+        online._record = convert(saved) if online._is_converted else record_from(saved)
         if "timeline" in content:
             online._timeline = Timeline.of(content["timeline"])
         if online._is_converted:

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from flinders.findings.rules import limit_of
-from flinders.workflows.timeline import UNKNOWN, Code, Doing
+from flinders.workflows.timeline import UNKNOWN_VECTOR, Code, Doing
 
 if TYPE_CHECKING:
     from flinders.verdicts import Verdict
 
-DOING: Final[tuple[Doing, ...]] = ("learning", "undisturbed", "disturbed")
+ACTIVITIES: Final[tuple[Doing, ...]] = ("learning", "undisturbed", "disturbed")
 """States of the readings, in the order of the engine's numbers."""
 CODES: Final[dict[int, Code]] = {
     1: "learnt", 2: "contradicted", 4: "passed", 8: "moved", 16: "adopted", 32: "clock-back"
@@ -57,8 +57,8 @@ class OnlineState:
     walk: float  #: motion of the offset in an hour, 1 σ, in µT, or in counts if no scale is known
     target_deg: float
     #: newest estimate, in force or not, as `Calibration.offset`: µT or counts
-    offset: tuple[float, float, float] = UNKNOWN
-    offset_sigma: tuple[float, float, float] = UNKNOWN  #: 1 σ of each of its components
+    offset: tuple[float, float, float] = UNKNOWN_VECTOR
+    offset_sigma: tuple[float, float, float] = UNKNOWN_VECTOR  #: 1 σ of each of its components
     radius: float = math.nan  #: mean length of readings about the offset, in the same unit
 
     @property

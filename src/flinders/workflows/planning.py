@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, get_args
 
 from flinders.core.chips import find_chip
-from flinders.core.keywords import spell_checked
+from flinders.core.keywords import check_keywords
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import FitError, UsageError, did_you_mean
 from flinders.simulate.bodies import BODIES, QUARTER_DEG, UPSIDE_DOWN_DEG
@@ -142,7 +142,7 @@ class _Choice(NamedTuple):
     expected: ExpectedFit
 
 
-@spell_checked()
+@check_keywords()
 def plan(
     body: str | Body = "hand",
     *,

@@ -21,11 +21,11 @@ import numpy as np
 
 from flinders.core.chips import chip_of_device, chips_named_in, find_chip
 from flinders.core.geomag import recorded_field
-from flinders.core.keywords import spell_checked
-from flinders.core.samples import Wrapped
-from flinders.core.units import COUNTS, unit_of_the_earth
+from flinders.core.keywords import check_keywords
+from flinders.core.samples import RecordingWrapper
+from flinders.core.units import COUNTS, earth_field_unit
 from flinders.diagnostics.unmoved import require_moved
-from flinders.errors import FitError, InputError, TooFewSamples, Unmoved, counted, in_python
+from flinders.errors import FitError, InputError, TooFewSamples, Unmoved, count_text, python_arguments
 from flinders.estimators.likelihood import Likelihood
 from flinders.fitting.calibrate import fit
 from flinders.readers import Log, open_log
@@ -67,7 +67,7 @@ class Request:
     unit: str | None = None
     chip: Chip | None = None
     site_ut: float | None = None  #: µT: field at the place, if known
-    spell: Spelling = in_python
+    spell: Spelling = python_arguments
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,7 +108,7 @@ class RecordedSensor:
         Raises `InputError` if it has no readings.
         """
         watched = _WatchedInstrument(instrument)
-        summary = Summary.through(watched)
+        summary = Summary.of_recording(watched)
         unmoved = _unmoved_words(summary, instrument.unit.inside)
         too_few = "" if unmoved else _too_few_words(summary)
         coverage, strength = (None, None) if too_few or unmoved else _coverage_and_strength(summary)
@@ -146,7 +146,7 @@ class RecordedSensor:
         )
 
     @classmethod
-    def silent(cls, number: int, instrument: Instrument, error: InputError) -> Self:
+    def without_readings(cls, number: int, instrument: Instrument, error: InputError) -> Self:
         """Create the entry of a magnetometer without readings."""
         unit, notes = instrument.unit, (error.message, *instrument.notes)
         return cls(
@@ -161,7 +161,7 @@ class RecordedSensor:
     def __str__(self) -> str:
         parts = (
             self.name,
-            f"{counted(self.readings, 'reading')} in {self.unit}",
+            f"{count_text(self.readings, 'reading')} in {self.unit}",
             "" if self.rate_hz is None else f"{self.rate_hz:.3g} Hz",
             "hardly turned" if self.unmoved else "",
             "" if self.coverage is None else f"{self.coverage:.0%} of directions",
@@ -197,7 +197,7 @@ class Contents:
         return {**asdict(self), "site": None if self.site is None else self.site.as_dict()}
 
 
-@spell_checked()
+@check_keywords()
 def contents(
     source: Log | str | os.PathLike[str],
     *,
@@ -206,7 +206,7 @@ def contents(
     unit: str | None = None,
     chip: str | None = None,
     site: SiteField | None = None,
-    spell: Spelling = in_python,
+    spell: Spelling = python_arguments,
     **reading: Any,
 ) -> Contents:
     """Read each magnetometer of a file once, and list the contents of the file.
@@ -272,13 +272,13 @@ def _sensors_of(log: Log, topic: str | None, request: Request) -> tuple[Recorded
                 sensors.append(RecordedSensor.of(number, instrument, request))
             except InputError as error:
                 errors.append(error)
-                sensors.append(RecordedSensor.silent(number, instrument, error))
+                sensors.append(RecordedSensor.without_readings(number, instrument, error))
     if len(errors) == len(sensors):
         raise errors[0]
     return tuple(sensors)
 
 
-def unit_remark(strength: float | None, inside: str, spell: Spelling = in_python) -> str:
+def unit_remark(strength: float | None, inside: str, spell: Spelling = python_arguments) -> str:
     """Sentence on the unit in which the strength of readings without a unit would be the earth's; it is no proof.
 
     >>> unit_remark(480.0, "counts")
@@ -286,14 +286,14 @@ def unit_remark(strength: float | None, inside: str, spell: Spelling = in_python
     >>> unit_remark(3.0, "counts"), unit_remark(48.0, "uT")
     ('', '')
     """
-    name = "" if strength is None or inside != COUNTS else unit_of_the_earth(strength)
+    name = "" if strength is None or inside != COUNTS else earth_field_unit(strength)
     return name and (
         f"as {name} the strength would be the earth's: add {spell({'unit': name})} if that is their unit, or "
         f"{spell({'scale': None}).rstrip('=')} with the µT of a count"
     )
 
 
-class _WatchedInstrument(Wrapped):
+class _WatchedInstrument(RecordingWrapper):
     """An instrument that stores its first block and the names of its auxiliary columns while it is read."""
 
     def __init__(self, instrument: Instrument) -> None:
@@ -312,7 +312,7 @@ class _WatchedInstrument(Wrapped):
 
 def _has(block: Samples, name: str) -> bool:
     """Whether a block has a column with values."""
-    column = block.driving(name) if name in block.disturbances else getattr(block, name)
+    column = block.disturbance_values(name) if name in block.disturbances else getattr(block, name)
     return column is not None and bool(np.isfinite(column).any())
 
 
@@ -368,14 +368,14 @@ def _resemblance(instrument: Instrument, first: Samples | None) -> str:
     return likeness(first.field)
 
 
-def propose_chip_of(samples: Samples, spell: Spelling = in_python) -> ChipProposal | None:
+def propose_chip_of(samples: Samples, spell: Spelling = python_arguments) -> ChipProposal | None:
     """Propose unit and axes for samples in memory, by their counts; None if these are not sufficient.
 
     >>> from flinders import simulate
     >>> propose_chip_of(simulate.tumble(seed=1).samples) is None  # they are in microtesla
     True
     """
-    summary = Summary.through(samples)
+    summary = Summary.of_recording(samples)
     strength = (
         None
         if _too_few_words(summary) or _unmoved_words(summary, samples.unit.inside)

@@ -19,8 +19,8 @@ import numpy as np
 
 from flinders.core.calibration import Calibration
 from flinders.core.compensation import Compensator
-from flinders.core.joining import Joined, singles
-from flinders.core.samples import Samples, Wrapped, frame_of
+from flinders.core.joining import Joined, single_recordings
+from flinders.core.samples import RecordingWrapper, Samples, frame_of
 from flinders.errors import AxesError, TooFewSamples, UnitError, UsageError
 from flinders.fitting.fit_file import load
 from flinders.fitting.result import Fit, bare_fit, with_calibration
@@ -58,19 +58,19 @@ def fit_for(calibration: AnyCalibration) -> Fit:
     return load(calibration)
 
 
-def uncalibrated(recording: Recording) -> Fit:
+def identity_fit(recording: Recording) -> Fit:
     """The identity as a calibration, for a recording that is used as it is."""
     length = float(np.median(np.linalg.norm(next(iter(recording.blocks())).field, axis=1)))
     calibration = Calibration.identity(field_strength=length, raw=recording.unit, axes=recording.axes)
     return bare_fit(calibration, name="no calibration")
 
 
-def used_at(fit: Fit, at: Mapping[str, float] | None) -> tuple[Fit, Compensator]:
+def compensation_at(fit: Fit, at: Mapping[str, float] | None) -> tuple[Fit, Compensator]:
     """The fit for compensated readings, and the compensator.
 
     `at` has values of disturbances by name, in place of recorded ones.
     """
-    compensator = Compensator(fit.calibration.holding(**(at or {})))
+    compensator = Compensator(fit.calibration.hold_values(**(at or {})))
     return with_calibration(fit, compensator.calibration.affine), compensator
 
 
@@ -95,13 +95,13 @@ def recording_for(source: AnyReadings, fit: Fit) -> Recording:
         samples = Samples.of(cast("ArrayLike", source), unit=calibration.raw, axes=calibration.axes)
         return replace(samples, frame=calibration.frame)
     recording = cast("Recording", source)
-    for part in singles(recording):
+    for part in single_recordings(recording):
         if part.axes != calibration.axes:
             raise AxesError(
                 f"{part.source} has axes {part.axes}, {fit.provenance.name} has {calibration.axes}: read it with the "
                 "axes of the calibration"
             )
-        agree(calibration, part.recording if isinstance(part, Wrapped) else part)
+        require_same_frame(calibration, part.recording if isinstance(part, RecordingWrapper) else part)
     return recording
 
 
@@ -117,11 +117,11 @@ def open_with(fit: Fit, recording: AnySource, *, sensor: str | None = None, **re
     choice = Choice(sensor, calibration.sensor, forms=forms)
     opened = open_recording(recording, axes=str(calibration.axes), sensor=choice, **reading)
     opened = with_auxiliary(opened, [one.name for one in calibration.disturbances], are_needed=False)
-    agree(calibration, opened)
+    require_same_frame(calibration, opened)
     return opened
 
 
-def agree(calibration: Calibration, recording: Recording) -> None:
+def require_same_frame(calibration: Calibration, recording: Recording) -> None:
     """Convert a recording to the calibration's unit; refuse another kind of unit, or other axes."""
     if isinstance(recording, TextRecording | TableRecording) and not recording.states_unit:
         recording.unit = calibration.raw
@@ -148,7 +148,7 @@ def refuse_other_frame(frame: str, recording: Recording) -> None:
         )
 
 
-def made_from(fit: Fit, recordings: Iterable[Recording]) -> list[str]:
+def own_recordings(fit: Fit, recordings: Iterable[Recording]) -> list[str]:
     """Names of those recordings from which a calibration was made, by its provenance.
 
     A log with the calibration on board is none of them, as its readings were not used.
@@ -161,7 +161,7 @@ def made_from(fit: Fit, recordings: Iterable[Recording]) -> list[str]:
 def sha256(file: File) -> str:
     """SHA-256 of the bytes of a file on disk; for standard input of its temporary copy."""
     digest = hashlib.sha256()
-    with file.opened() as (raw, _):
+    with file.open_streams() as (raw, _):
         while chunk := raw.read(1 << 20):
             digest.update(chunk)
     file.refuse_changed()

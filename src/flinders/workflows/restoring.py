@@ -19,16 +19,16 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.comparison.comparison import Strength
-from flinders.core.compensation import compensated
-from flinders.core.joining import in_memory, singles
-from flinders.core.keywords import spell_checked
-from flinders.findings import by_severity, certain
+from flinders.comparison.comparison import LengthSums
+from flinders.core.compensation import compensate_recording
+from flinders.core.joining import read_into_memory, single_recordings
+from flinders.core.keywords import check_keywords
+from flinders.findings import by_severity, certain_finding
 from flinders.summary.cloud import Cloud
 from flinders.summary.coverage import Coverage
-from flinders.workflows.correction import ELSEWHERE
+from flinders.workflows.correction import PARAMETERS_ELSEWHERE
 from flinders.workflows.notes import Note
-from flinders.workflows.recordings import fit_for, made_from, recording_for
+from flinders.workflows.recordings import fit_for, own_recordings, recording_for
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -47,7 +47,7 @@ MAX_SPREAD: Final = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Restored:
+class RestoredFit:
     """A fit restored from a calibration and a recording."""
 
     known: Fit  #: calibration as loaded
@@ -56,10 +56,10 @@ class Restored:
     notes: tuple[Note, ...]  #: notes if the recording does not match
 
 
-@spell_checked(ELSEWHERE)
+@check_keywords(PARAMETERS_ELSEWHERE)
 def restore(
     source: AnyReadings, calibration: AnyCalibration, *, target_deg: float | None = None, dip_deg: float | None = None
-) -> Restored:
+) -> RestoredFit:
     """Combine a loaded calibration with a recording, for reports and figures.
 
     Parameters
@@ -78,16 +78,16 @@ def restore(
     """
     known = fit_for(calibration)
     recorded = recording_for(source, known)
-    field = in_memory(compensated(recorded, known.calibration)).field
-    parts = list(singles(recorded))
-    is_own = len(made_from(known, parts)) == len(parts)
+    field = read_into_memory(compensate_recording(recorded, known.calibration)).field
+    parts = list(single_recordings(recorded))
+    is_own = len(own_recordings(known, parts)) == len(parts)
     notes = () if is_own else tuple(_notes(known, field))
-    return Restored(known, recorded, _restore(known, field, target_deg, dip_deg), notes)
+    return RestoredFit(known, recorded, _restore(known, field, target_deg, dip_deg), notes)
 
 
 def _notes(known: Fit, field: Floats) -> Iterator[Note]:
     """Notes if (N, 3) compensated readings from elsewhere do not match a calibration."""
-    strength = Strength.under(known.calibration.affine, field)
+    strength = LengthSums.of_corrected(known.calibration.affine, field)
     if not MIN_STRENGTH <= strength.mean <= MAX_STRENGTH or strength.spread > MAX_SPREAD:
         yield Note("odd-strength", values={"mean": strength.mean, "spread": strength.spread})
     if known.provenance.files:
@@ -97,9 +97,9 @@ def _notes(known: Fit, field: Floats) -> Iterator[Note]:
 def _restore(fit: Fit, field: Floats, target_deg: float | None, dip_deg: float | None) -> Fit:
     """The fit with noise and coverage of (N, 3) compensated readings; another dip changes the heading error."""
     dip = fit.claim.known_dip_deg if dip_deg is None else math.copysign(dip_deg, dip_deg * fit.claim.known_dip_deg)
-    no_uncertainty = certain({"is_unstated": 1.0, "unstated_deg": math.nan}, "no-uncertainty")
+    no_uncertainty = certain_finding({"is_unstated": 1.0, "unstated_deg": math.nan}, "no-uncertainty")
     unstated = () if fit.claim.states_uncertainty else (no_uncertainty,)
-    strength = Strength.under(fit.calibration.affine, field)
+    strength = LengthSums.of_corrected(fit.calibration.affine, field)
     noise = fit.calibration.field_strength * math.hypot(strength.mean - 1.0, strength.spread)
     evidence = replace(
         fit.evidence,
@@ -123,4 +123,4 @@ def _coverage(field: Floats, ellipsoid: Ellipsoid) -> Coverage:
     """Coverage of readings by the directions under a calibration."""
     if not len(field):
         return Coverage.of(np.array([[0.0, 0.0, 1.0]]), np.zeros(1))
-    return Coverage.through(Cloud.of(field), ellipsoid)
+    return Coverage.of_cloud(Cloud.of(field), ellipsoid)

@@ -13,7 +13,7 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from flinders.core.keywords import spell_checked
+from flinders.core.keywords import check_keywords
 from flinders.errors import FitError, InputError, TooFewSamples
 from flinders.fitting.filtering import fit_filtered
 from flinders.heading.smoothing import Filter
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     Outcome: TypeAlias = Fit | FlindersError
 
 
-@spell_checked()
+@check_keywords()
 def fit_each(
     source: Mapping[str, Recording] | Log | str | os.PathLike[str], *, by: Filter | str | None = None, **options: Any
 ) -> dict[str, Outcome]:

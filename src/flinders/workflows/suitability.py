@@ -22,9 +22,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.comparison.comparison import Strength
+from flinders.comparison.comparison import LengthSums
 from flinders.errors import InputError
-from flinders.readers._likeness import doubt
+from flinders.readers._likeness import describe_doubt
 from flinders.workflows.notes import Note
 
 if TYPE_CHECKING:
@@ -73,8 +73,8 @@ class CorrectionMonitor:
     def __init__(self, fit: Fit, source: str) -> None:
         self._calibration, self._source, self.spread_limit = fit.calibration, source, spread_limit(fit)
         self._resembles, self._columns = "", ""
-        self.strength = Strength()
-        self.inliers = Strength()
+        self.strength = LengthSums()
+        self.inliers = LengthSums()
         self._lowest, self._highest = np.full(3, math.inf), np.full(3, -math.inf)
 
     def __call__(self, readings: Floats) -> Floats:
@@ -94,14 +94,14 @@ class CorrectionMonitor:
             )
         self._lowest = np.fmin.reduce(np.vstack([self._lowest, readings]))
         self._highest = np.fmax.reduce(np.vstack([self._highest, readings]))
-        self.strength += Strength.of(strength)
-        self.inliers += Strength.of(strength[np.abs(strength - middle) <= MAX_DEVIATION_SPREADS * self.spread_limit])
+        self.strength += LengthSums.of(strength)
+        self.inliers += LengthSums.of(strength[np.abs(strength - middle) <= MAX_DEVIATION_SPREADS * self.spread_limit])
         return corrected
 
-    def look_at(self, samples: Samples) -> None:
+    def check_resemblance(self, samples: Samples) -> None:
         """Test whether samples without a stated quantity resemble another quantity than a magnetic field."""
         if samples.nameless and not self._resembles:
-            self._resembles, self._columns = doubt(samples), samples.nameless
+            self._resembles, self._columns = describe_doubt(samples), samples.nameless
 
     @property
     def is_plausible(self) -> bool:
@@ -113,7 +113,7 @@ class CorrectionMonitor:
         return not readings or (is_strong and inliers.spread < self.spread_limit)
 
     @property
-    def stuck(self) -> dict[str, float]:
+    def stuck_axes(self) -> dict[str, float]:
         """Axes that are constant in all readings, with their values."""
         if self.strength.readings < MIN_READINGS:
             return {}
@@ -125,7 +125,7 @@ class CorrectionMonitor:
         readings = self.strength.readings
         if self._resembles:
             return (Note("looks-like", "limits", {"what": self._resembles, "columns": self._columns}),)
-        if stuck := self.stuck:
+        if stuck := self.stuck_axes:
             axes = ", ".join(f"{axis} = {value:g}" for axis, value in stuck.items())
             return (Note("stuck", "limits", {"readings": readings, "axes": axes}),)
         if self.is_plausible:

@@ -6,7 +6,7 @@ The points depend only on the times of the readings, not on their division into 
 >>> for minute in range(100_000):
 ...     timeline.put(OnlinePoint(60.0 * minute, "learning"))
 >>> times = [point.time_s for point in timeline.points]
->>> len(times) <= MOST_POINTS, times[0], times[-1] - times[-2]
+>>> len(times) <= MAX_POINTS, times[0], times[-1] - times[-2]
 (True, 0.0, 60.0)
 """
 
@@ -24,14 +24,14 @@ Code = Literal["learnt", "contradicted", "passed", "moved", "adopted", "clock-ba
 
 POINT_INTERVAL_S: Final = 60.0
 """Time between points without an event."""
-MOST_POINTS: Final = 1000
+MAX_POINTS: Final = 1000
 MAX_POINTS_AFTER_THINNING: Final = 750
 """Largest count of points after thinning."""
 MAX_EVENT_POINTS: Final = 300
 """Count of the newest points with events, which are never thinned."""
 MIN_AGE_RATIO: Final = 32.0
 """Smallest ratio of the age of points to their distance in time, so that recent points stay dense."""
-UNKNOWN: Final = (math.nan, math.nan, math.nan)
+UNKNOWN_VECTOR: Final = (math.nan, math.nan, math.nan)
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,9 +43,9 @@ class OnlinePoint:
     heading_error_deg: float = math.nan  #: with the calibration in force, worst heading, 1 σ
     bound_deg: float = math.nan  #: 95 % bound of the error at all headings
     offset: tuple[float, float, float] = (
-        UNKNOWN  #: newest estimate, in force or not, as `Calibration.offset`: µT or counts
+        UNKNOWN_VECTOR  #: newest estimate, in force or not, as `Calibration.offset`: µT or counts
     )
-    offset_sigma: tuple[float, float, float] = UNKNOWN  #: 1 σ of each of its components
+    offset_sigma: tuple[float, float, float] = UNKNOWN_VECTOR  #: 1 σ of each of its components
     is_read: bool = True  #: whether there were readings; False for a time within a gap
     events: tuple[Code, ...] = ()  #: codes of events at this time
 
@@ -71,7 +71,7 @@ class Timeline:
             point = replace(point, events=self.points.pop().events + point.events)
         self.points.append(point)
         self.due_s = _due_s(point.time_s)
-        if len(self.points) > MOST_POINTS:
+        if len(self.points) > MAX_POINTS:
             self._thin()
 
     def _thin(self) -> None:
@@ -111,7 +111,7 @@ class Timeline:
         timeline._interval_s = float(content["interval_s"])
         timeline.points = [_point(*row) for row in content["points"]]
         timeline.due_s = _due_s(timeline.points[-1].time_s) if timeline.points else timeline.due_s
-        if len(timeline.points) > MOST_POINTS or not timeline._interval_s >= POINT_INTERVAL_S:
+        if len(timeline.points) > MAX_POINTS or not timeline._interval_s >= POINT_INTERVAL_S:
             raise ValueError("its timeline is invalid")
         return timeline
 

@@ -20,17 +20,17 @@ from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Final
 
-from flinders.core.files import licence, write_folder
+from flinders.core.files import licence_text, write_folder
 from flinders.errors import NotExportable
 from flinders.fitting.export import export_fit, limit_lines, refuse_unfit
 from flinders.fitting.heading_model import heading_model_of
 from flinders.fitting.measurement_noise import gates_of, noise_of
 from flinders.fitting.verdict import headline_of
-from flinders.geometry.plane import order_of
+from flinders.geometry.plane import axis_order
 from flinders.targets import find
 from flinders.targets._code_text import digits
 from flinders.targets._numbers import RECORDED, per_unit
-from flinders.targets._target import not_followed
+from flinders.targets._target import words_of_unfollowed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -112,14 +112,17 @@ def contents(component: Component, fit: Fit) -> dict[str, str]:
     made[component.place] = export.text
     if not component.is_python:
         made[(place.parent / "flinders_compass.h").as_posix()] = _fill_template(FILES / "flinders_compass.h.in", values)
-    return {**made, **component.manifests(), "README.md": _readme(component, fit), "LICENSE": licence()}
+    return {**made, **component.manifests(), "README.md": _readme(component, fit), "LICENSE": licence_text()}
 
 
 def warnings(fit: Fit) -> list[str]:
     """Warnings on parts of a fit that a component omits, and on limits of the fit."""
     followed = fit.calibration.disturbances
     return [
-        *(not_followed(fit.calibration, each, f"the component does not compensate {each.name}") for each in followed),
+        *(
+            words_of_unfollowed(fit.calibration, each, f"the component does not compensate {each.name}")
+            for each in followed
+        ),
         *limit_lines(fit),
     ]
 
@@ -157,7 +160,7 @@ def _values(component: Component, fit: Fit) -> dict[str, str]:
         "result": calibration.unit,
         "given": given,
         "factor": digits(_factor(component, calibration), "f"),
-        "down": "xyz"[order_of(plane or "xy")[2]],
+        "down": "xyz"[axis_order(plane or "xy")[2]],
         "level": level,
         "strength": "flinders_strength_is_off(compass.field)" if gates is not None else "false",
         "dip": dip,
@@ -183,7 +186,9 @@ def _readme(component: Component, fit: Fit) -> str:
     if gates_of(fit) is None:
         good.append("It has no limits to detect a disturbed field.")
     followed = fit.calibration.disturbances
-    good += [f"{not_followed(fit.calibration, each, f'It does not compensate {each.name}')}." for each in followed]
+    good += [
+        f"{words_of_unfollowed(fit.calibration, each, f'It does not compensate {each.name}')}." for each in followed
+    ]
     given = fit.calibration.raw.name if component.unit == RECORDED else component.unit
     takes = (
         f"Readings are in {UNITS.get(given, given)}, in the axes of the recording. Acceleration is the reading "

@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Final
 
 from flinders.apps.board import poses
-from flinders.core.files import licence, write_folder
-from flinders.native.build import HERE as NATIVE
+from flinders.core.files import licence_text, write_folder
+from flinders.native.build import SOURCE_FOLDER as NATIVE
 
 BOARD: Final = Path(__file__).parent / "board"
 
@@ -84,7 +84,7 @@ def contents() -> dict[str, str]:
         "src/poses.c": poses.source(),
         "library.properties": _properties(),
         "library.json": _manifest(),
-        "LICENSE": licence(),
+        "LICENSE": licence_text(),
     }
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from flinders.findings.c_tables import text
+from flinders.findings.c_tables import c_string
 from flinders.findings.poses import POSE_WORDS
 
 REMARK: Final = "Made by `flinders firmware` from the library's attitudes."
@@ -22,7 +22,7 @@ def source() -> str:
             '#include "flinders_board.h"',
             "",
             "const char *const flinders_poses[FLINDERS_SENSOR_POSES] = {",
-            *(f"    {text(words)}," for words in POSE_WORDS["sensor"]),
+            *(f"    {c_string(words)}," for words in POSE_WORDS["sensor"]),
             "};",
             "",
         ]

@@ -35,7 +35,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from flinders.arrays import Floats, floats, vectors
+from flinders.arrays import Floats, check_vectors, to_floats
 from flinders.core.calibration import Calibration
 from flinders.core.units import MICROTESLA, PER_UNIT, Unit
 from flinders.errors import ArrayError, NotExportable, UnitError, UsageError, figures
@@ -161,19 +161,19 @@ class Registers:
     @property
     def hard_iron(self) -> Floats:
         """(3,) H in mG."""
-        return HARD_IRON_STEP_MG * floats(self.codes[:3])
+        return HARD_IRON_STEP_MG * to_floats(self.codes[:3])
 
     @property
     def soft_iron(self) -> Floats:
         """(3, 3) S, a fraction."""
-        return SOFT_IRON_STEP * floats(self.codes[3:]).reshape(3, 3)
+        return SOFT_IRON_STEP * to_floats(self.codes[3:]).reshape(3, 3)
 
     def apply(self, field: ArrayLike) -> Floats:
         """Correct readings as the device does, M_C = (I + S) M + H: (..., 3) in mG to (..., 3) in mG.
 
         The device then rounds its output to 0.1 mG.
         """
-        corrected: Floats = vectors(field, finite=False) @ (np.eye(3) + self.soft_iron).T + self.hard_iron
+        corrected: Floats = check_vectors(field, finite=False) @ (np.eye(3) + self.soft_iron).T + self.hard_iron
         return corrected
 
     def to_calibration(self, field_strength: float, *, known: bool = False) -> Calibration:

@@ -23,11 +23,11 @@ from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
 
-from flinders.core.units import label
+from flinders.core.units import unit_label
 from flinders.errors import UsageError, figures
-from flinders.findings import Finding, certain, linked
-from flinders.fitting.verdict import of_calibration
-from flinders.geometry.plane import PLANES, heading_errors, order_of
+from flinders.findings import Finding, certain_finding, link_causes
+from flinders.fitting.verdict import calibration_findings
+from flinders.geometry.plane import PLANES, axis_order, heading_errors
 from flinders.heading.error_propagation import HeadingError, level_turn
 from flinders.summary.coverage import Coverage
 
@@ -83,7 +83,7 @@ def rotation_error(matrix: Floats, turns: Sequence[str], *, dip_deg: float) -> H
     for made in _products(matrix, turns):
         offset = np.zeros(3)
         for plane in filter(None, turns):
-            first, second, third = order_of(cast("Plane", plane))
+            first, second, third = axis_order(cast("Plane", plane))
             offset[[first, second]] = -made[[first, second], third] * np.sin(np.deg2rad(dip_deg))
         errors = np.rad2deg(heading_errors(made @ directions + offset[:, np.newaxis], heading)[0])
         squares.append(float(np.mean(errors**2)))
@@ -95,8 +95,8 @@ def _products(matrix: Floats, turns: Sequence[str]) -> Iterator[Floats]:
     """Yield (3, 3) products of a composed matrix with each possible sensor: a rotation and the remaining error."""
     squares, axes = np.linalg.eigh(matrix.T @ matrix)
     sensor = (axes / np.sqrt(squares)) @ axes.T
-    known = [sensor[order_of(plane)[:2]] for plane in PLANES if plane in turns]
-    missing = [] if "" in turns else [order_of(plane)[:2] for plane in PLANES if plane not in turns]
+    known = [sensor[axis_order(plane)[:2]] for plane in PLANES if plane in turns]
+    missing = [] if "" in turns else [axis_order(plane)[:2] for plane in PLANES if plane not in turns]
     across = float(np.sqrt(np.mean(np.square(known)))) if known and missing else 0.0
     for signs in product((-across, across), repeat=len(missing)):
         iron = np.zeros((3, 3))
@@ -128,7 +128,7 @@ def refuse_unloaded(first: Fit, turn: Turn, *, dip_deg: float, source: str) -> N
     seen = [place for place, axis in enumerate(turn.plane) if axis in known]
     if not seen:
         return
-    unit, named = label(first.calibration.unit), " and ".join(turn.plane[place] for place in seen)
+    unit, named = unit_label(first.calibration.unit), " and ".join(turn.plane[place] for place in seen)
     level = first.calibration.field_strength * math.cos(math.radians(dip_deg))
     reach = np.linalg.norm(turn.ellipse.shape, axis=1)[seen]
     farthest = float(reach[np.abs(np.log(reach / level)).argmax()])
@@ -142,7 +142,7 @@ def refuse_unloaded(first: Fit, turn: Turn, *, dip_deg: float, source: str) -> N
             hint={"unit": None},
         )
     centre = turn.ellipse.centre[seen]
-    offset = first.calibration.offset[list(order_of(turn.plane))[:2]][seen]
+    offset = first.calibration.offset[list(axis_order(turn.plane))[:2]][seen]
     strength = first.calibration.field_strength
     if np.linalg.norm(offset) > MIN_OFFSET_SHARE * strength and np.linalg.norm(centre - offset) < np.linalg.norm(
         centre
@@ -159,7 +159,7 @@ def refuse_unloaded(first: Fit, turn: Turn, *, dip_deg: float, source: str) -> N
         )
 
 
-def composed(first: Fit, fit: Fit) -> Fit:
+def compose(first: Fit, fit: Fit) -> Fit:
     """Compose the fit of a turn in a plane with the calibration that was loaded for it.
 
     Parameters
@@ -187,7 +187,7 @@ def composed(first: Fit, fit: Fit) -> Fit:
     >>> loaded = replace(sweep.samples, field=first.calibration.apply(sweep.samples.field))
     >>> site = Site(strength=first.calibration.field_strength)
     >>> second = calibrate.fit(loaded, method="ellipse", site=site)
-    >>> both = composed(first, second)      # the same turn again, which changes nothing
+    >>> both = compose(first, second)      # the same turn again, which changes nothing
     >>> turns_of(both), both.calibration.isclose(first.calibration, tolerance=1e-3)
     (('xy', 'xy'), True)
     """
@@ -207,13 +207,13 @@ def composed(first: Fit, fit: Fit) -> Fit:
     evidence = replace(
         fit.evidence, method=method, samples=first.evidence.samples + fit.evidence.samples, coverage=Coverage()
     )
-    findings = linked([_finding(turns, left.worst, claim.target_deg), *of_calibration(calibration)])
+    findings = link_causes([_finding(turns, left.worst, claim.target_deg), *calibration_findings(calibration)])
     judgement = replace(fit.judgement, findings=findings)
     return replace(fit, calibration=calibration, evidence=evidence, claim=claim, judgement=judgement)
 
 
 def as_dict(both: Fit) -> dict[str, Any]:
-    """JSON-ready result of `composed`: the calibration, its claim, and its findings."""
+    """JSON-ready result of `compose`: the calibration, its claim, and its findings."""
     error, turns = both.heading_error_deg, turns_of(both)
     return {
         **both.calibration.as_dict(),
@@ -246,7 +246,7 @@ def _finding(turns: Sequence[str], left_deg: float, target_deg: float) -> Findin
     """Finding about the error that the turns so far leave."""
     left_deg = left_deg if {"xy", ""} & set(turns) else UNKNOWN_ANGLE_DEG
     numbers = {"is_composed": 1.0, "rotation_left_deg": left_deg, "target_deg": target_deg}
-    return certain({**numbers, "planes": turns}, "composed")
+    return certain_finding({**numbers, "planes": turns}, "composed")
 
 
 def _number_list(values: Floats) -> str:

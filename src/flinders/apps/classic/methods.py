@@ -20,18 +20,18 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from flinders.comparison.comparison import compare
-from flinders.comparison.cross_validation import BLOCKS, LEAST, NotValidated, cross_validated
-from flinders.comparison.results import printed
-from flinders.core.joining import concatenated
-from flinders.core.keywords import spell_checked
-from flinders.core.notebook import as_table, in_columns
+from flinders.comparison.cross_validation import DEFAULT_BLOCKS, MIN_BLOCK_READINGS, NotValidated, cross_validate
+from flinders.comparison.results import json_attributes
+from flinders.core.joining import concatenate
+from flinders.core.keywords import check_keywords
+from flinders.core.notebook import html_table, text_table
 from flinders.core.short_repr import ShortRepr
-from flinders.errors import FitError, NeedsSamples, UsageError, counted, did_you_mean, figures
-from flinders.estimators import METHODS, Readings, method_of, within_range
+from flinders.errors import FitError, NeedsSamples, UsageError, count_text, did_you_mean, figures
+from flinders.estimators import METHODS, Readings, method_class, remove_saturated
 from flinders.estimators.auto import Auto
 from flinders.estimators.data import recording_of
 from flinders.findings import VERDICTS
-from flinders.fitting.calibrate import ELSEWHERE, fit
+from flinders.fitting.calibrate import PARAMETERS_ELSEWHERE, fit
 from flinders.fitting.request import Request, estimator_of
 from flinders.fitting.result import Refused
 from flinders.likelihood import magnitude
@@ -135,8 +135,8 @@ class Entry(ShortRepr):
             "method_run": None if fitted is None else fitted.evidence.method,  # the method that was run in the end
             "verdict": self.verdict,
             **dict.fromkeys(("offset", "matrix", "field_strength", "heading_error_deg")),
-            **({} if fitted is None else printed(fitted.calibration, "offset", "matrix", "field_strength")),
-            **({} if fitted is None else printed(fitted, "heading_error_deg")),
+            **({} if fitted is None else json_attributes(fitted.calibration, "offset", "matrix", "field_strength")),
+            **({} if fitted is None else json_attributes(fitted, "heading_error_deg")),
             # `rms` and `worst` of the cross-validated heading error
             "validated_heading_error_deg": None if checked is None else checked.heading_error_deg.as_dict(),
             # part of that error that is common to all blocks
@@ -145,7 +145,7 @@ class Entry(ShortRepr):
             "validated_scatter_deg": None if checked is None else checked.scatter_deg,
             # ratio of residuals of left-out blocks and of the fit
             "misfit": None if checked is None else checked.misfit,
-            **printed(self, "difference_deg", "seconds", "codes", "reasons"),
+            **json_attributes(self, "difference_deg", "seconds", "codes", "reasons"),
         }
 
 
@@ -226,11 +226,11 @@ class Contest:
         return ("method", "claimed", "cross-validated", f"from {self.reference}", "time", "verdict")
 
     def __repr__(self) -> str:
-        return in_columns(self.headings, [entry.cells for entry in self.entries])
+        return text_table(self.headings, [entry.cells for entry in self.entries])
 
     def _repr_html_(self) -> str:
-        return as_table(
-            f"{len(self.entries)} methods, {counted(self.readings, 'reading')}",
+        return html_table(
+            f"{len(self.entries)} methods, {count_text(self.readings, 'reading')}",
             self.headings,
             [entry.cells for entry in self.entries],
             ["heading error in degrees, rms over all headings of a level vehicle"],
@@ -238,16 +238,16 @@ class Contest:
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready fields, as ``--json`` prints them."""
-        known = printed(self, "verdict", "reference", "readings", "blocks", "stride")
+        known = json_attributes(self, "verdict", "reference", "readings", "blocks", "stride")
         return known | {"methods": [entry.as_dict() for entry in self.entries]}  # result of each method
 
 
-@spell_checked(ELSEWHERE)
+@check_keywords(PARAMETERS_ELSEWHERE)
 def compare_methods(
     source: AnyReadings,
     *,
     methods: Sequence[str] | None = None,
-    blocks: int = BLOCKS,
+    blocks: int = DEFAULT_BLOCKS,
     target_deg: float = 1.0,
     site: Site | None = None,
     tell: Callable[[str], None] | None = None,
@@ -276,16 +276,16 @@ def compare_methods(
     FitError
         The error of the first method, if no method gives an ellipsoid.
     """
-    names = known(methods)
+    names = check_methods(methods)
     if blocks < 2:
         raise UsageError(f"{blocks} blocks of time: need 2 or more")
     recording, _ = recording_of(source)
-    readings = within_range(Readings.of(recording))
+    readings = remove_saturated(Readings.of(recording))
     stride = max(1, -(-len(readings) // MAX_VALIDATED))
     samples = _thin(readings, stride)
     request = Request.of(site, target_deg=target_deg)
     inliers, facing = _inliers_and_dip(readings, samples, request.dip_deg)
-    held_back = min(blocks, len(samples) // LEAST)
+    held_back = min(blocks, len(samples) // MIN_BLOCK_READINGS)
     entries: list[Entry] = []
     for name in names:
         if tell is not None:
@@ -305,14 +305,14 @@ def compare_methods(
     return Contest(tuple(entries), len(readings), held_back if held_back > 1 else 0, stride)
 
 
-def known(methods: Sequence[str] | None) -> Sequence[str]:
+def check_methods(methods: Sequence[str] | None) -> Sequence[str]:
     """Names of all methods, or the given names after a check.
 
     Raises `UsageError` for a method that is not known, or named twice.
     """
     names = list(METHODS) if methods is None else list(methods)
     for name in names:
-        method_of(name)
+        method_class(name)
     if len(set(names)) < len(names) or not names:
         raise UsageError(f"methods are {', '.join(names) or 'none'}: name at least one, and each only once")
     return names
@@ -337,7 +337,7 @@ def _timed_fit(
 def _validate(entry: Entry, estimator: Estimator, samples: Samples, **options: Any) -> Entry:
     """Cross-validate one method."""
     try:
-        return replace(entry, validation=cross_validated(estimator, samples, **options))
+        return replace(entry, validation=cross_validate(estimator, samples, **options))
     except NotValidated as error:
         return replace(entry, unvalidated=error)
 
@@ -351,7 +351,7 @@ def _thin(readings: Readings, stride: int) -> Samples:
     for block in recording.blocks():
         taken.append(block[-seen % stride :: stride])
         seen += len(block)
-    return concatenated(taken, recording)
+    return concatenate(taken, recording)
 
 
 def _inliers_and_dip(readings: Readings, samples: Samples, dip_deg: float) -> tuple[NDArray[np.bool_] | None, float]:
@@ -364,5 +364,5 @@ def _inliers_and_dip(readings: Readings, samples: Samples, dip_deg: float) -> tu
     except FitError:
         return None, dip_deg
     inliers = np.abs(magnitude.distances(samples.field, estimate.ellipsoid)) <= estimate.rejected_beyond
-    coverage = Coverage.through(readings.summary.cloud, estimate.ellipsoid, within=estimate.rejected_beyond)
+    coverage = Coverage.of_cloud(readings.summary.cloud, estimate.ellipsoid, within=estimate.rejected_beyond)
     return inliers, coverage.facing(dip_deg)

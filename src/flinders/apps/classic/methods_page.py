@@ -9,13 +9,13 @@ from rich.console import Group
 from rich.table import Column
 from rich.text import Text
 
-from flinders.core.units import label
-from flinders.errors import counted
+from flinders.core.units import unit_label
+from flinders.errors import count_text
 from flinders.findings import VERDICTS
-from flinders.geometry.ellipsoid import upper
+from flinders.geometry.ellipsoid import upper_entries
 from flinders.report.formatting import (
-    FINEST,
-    on_the_point,
+    OFFSET_RESOLUTION,
+    align_points,
 )
 from flinders.report.terminal import COLOURS, notes, page, table, whole_columns
 
@@ -54,16 +54,16 @@ def _basis(contest: Contest) -> Text:
     blocks = f"{contest.blocks} blocks of time, each held back once" if contest.blocks else "too few to hold any back"
     if contest.stride > 1:
         blocks = f"cross-validated on one of {contest.stride}: {blocks}"
-    return Text(f"{counted(contest.readings, 'reading')}; {blocks}", "dim")
+    return Text(f"{count_text(contest.readings, 'reading')}; {blocks}", "dim")
 
 
 def _method_numbers(entries: list[Entry]) -> Text:
     """Offset and upper triangle of the matrix of each method, one line for each."""
     calibrations = [entry.fit.calibration for entry in entries if entry.fit is not None]
-    columns = [on_the_point(list(column)) for column in zip(*map(_entries, calibrations), strict=True)]
+    columns = [align_points(list(column)) for column in zip(*map(_entries, calibrations), strict=True)]
     rows = [(" ".join(cells[:3]), " ".join(cells[3:])) for cells in zip(*columns, strict=True)]
     width, (offset, matrix) = max(len(entry.method) for entry in entries), rows[0]
-    title = f"offset, {label(calibrations[0].unit)}".ljust(len(offset)) + "   "
+    title = f"offset, {unit_label(calibrations[0].unit)}".ljust(len(offset)) + "   "
     text = Text(no_wrap=True, overflow="ignore")
     text.append(f"{'':{width}}  {title}{'matrix: xx yy zz xy xz yz'.ljust(len(matrix))}\n", "dim")
     for entry, row in zip(entries, rows, strict=True):
@@ -73,9 +73,9 @@ def _method_numbers(entries: list[Entry]) -> Text:
 
 
 def _entries(calibration: Calibration) -> list[str]:
-    decimals = max(0, -math.floor(math.log10(FINEST * calibration.field_strength)))
+    decimals = max(0, -math.floor(math.log10(OFFSET_RESOLUTION * calibration.field_strength)))
     offset = [f"{round(value, decimals) + 0.0:.{decimals}f}" for value in calibration.offset.tolist()]
-    return [*offset, *(f"{value:.4f}" for value in upper(calibration.matrix).tolist())]
+    return [*offset, *(f"{value:.4f}" for value in upper_entries(calibration.matrix).tolist())]
 
 
 def _reasons(contest: Contest) -> list[tuple[str, str]]:

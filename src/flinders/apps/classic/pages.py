@@ -21,12 +21,12 @@ from rich.text import Text
 
 from flinders.apps.classic.composition import turns_of
 from flinders.apps.classic.two_axis_recipe import TwoAxisRecipe
-from flinders.core.units import label
-from flinders.errors import counted, figures, in_python
+from flinders.core.units import unit_label
+from flinders.errors import count_text, figures, python_arguments
 from flinders.findings.words import turns
 from flinders.fitting.result import Fit
-from flinders.geometry.plane import across
-from flinders.report.fit_pages import findings, graded, lead, numbers, of_fit
+from flinders.geometry.plane import turn_axis
+from flinders.report.fit_pages import findings, lead, numbers, page_of_fit, verdict_line
 from flinders.report.formatting import (
     angle,
     degrees,
@@ -53,19 +53,19 @@ NEGLIGIBLE_SHARE: Final = 0.1
 
 
 def of_turn(
-    fit: Fit, turn: Turn, spell: Spelling = in_python, *, composed: Fit | None, after: str | None
+    fit: Fit, turn: Turn, spell: Spelling = python_arguments, *, composed: Fit | None, after: str | None
 ) -> RenderableType:
     """Lay out a turn in one plane, its calibration, and its composition with the loaded one."""
     mean_style, least_style = ("bold", "") if is_mean(fit) else ("", "bold")
     headings = (
-        f"plane {turn.plane}, turned about {across(turn.plane)}",
+        f"plane {turn.plane}, turned about {turn_axis(turn.plane)}",
         Column("mean and scatter", justify="right", style=mean_style),
         Column("least squares", justify="right", style=least_style),
     )
-    recipe = table(headings, plane_rows(turn, label(fit.calibration.unit)))
+    recipe = table(headings, plane_rows(turn, unit_label(fit.calibration.unit)))
     words = spacing_words(turn, fit.claim.target_deg, is_mean=is_mean(fit))
     more = [] if composed is None else [_composition(composed, after, spell)]
-    return Group(page(recipe, words), of_fit(fit, spell), *more)
+    return Group(page(recipe, words), page_of_fit(fit, spell), *more)
 
 
 def is_mean(fit: Fit) -> bool:
@@ -102,7 +102,7 @@ def spacing_words(turn: Turn, target_deg: float, *, is_mean: bool) -> str:
     spacing = turn.spacing
     instead = "" if spacing.is_even(within_deg=target_deg) or not is_mean else "; use --method ellipse"
     return (
-        f"{counted(spacing.points, 'point')}, widest gap {spacing.widest_gap_deg:.0f}°, first harmonic "
+        f"{count_text(spacing.points, 'point')}, widest gap {spacing.widest_gap_deg:.0f}°, first harmonic "
         f"{spacing.first_harmonic:.3f}, second {spacing.second_harmonic:.3f}: "
         f"{evenness(turn, target_deg, is_mean=is_mean)}{instead}"
     )
@@ -124,7 +124,7 @@ def _composition(composed: Fit, after: str | None, spell: Spelling) -> Renderabl
     """Lay out the composed calibration to load, its claim, and its findings."""
     error = composed.heading_error_deg
     basis = f"{turns(turns_of(composed))}; level, dip {error.dip_deg:.3g}°"
-    said = graded(composed.verdict, lead(composed), basis)
+    said = verdict_line(composed.verdict, lead(composed), basis)
     title = Text(f"composed with {after}, to be loaded in its place", "bold")
     result = Group(title, numbers(composed.calibration, np.full(3, np.nan), composed.evidence.noise))
     return Group(page(result, said), findings(composed.findings, spell))

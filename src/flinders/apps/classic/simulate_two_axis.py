@@ -20,13 +20,13 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.arrays import Floats, floats
-from flinders.arrays import matrix as square
+from flinders.arrays import Floats, to_floats
+from flinders.arrays import check_matrix as square
 from flinders.core.samples import Samples
 from flinders.errors import ArrayError, UsageError
 from flinders.geometry.plane import heading_errors
 from flinders.simulate._checks import count, not_negative, positive
-from flinders.simulate.attitudes import north_and_down, posed, seen_from
+from flinders.simulate.attitudes import attitudes_of, in_body_axes, north_and_down
 from flinders.simulate.recording import Simulated
 from flinders.simulate.sensor import Sensor
 
@@ -121,7 +121,7 @@ class Polar:
         """Compare a swing, raw and corrected by ``matrix @ (raw - offset)``, with its true headings."""
         headings = headings_deg(len(swung.samples))
         raw = swung.samples.field
-        corrected = (raw - floats(offset, "offset")) @ square(matrix).T
+        corrected = (raw - to_floats(offset, "offset")) @ square(matrix).T
         return cls(headings, *_polar(raw, headings), *_polar(corrected, headings))
 
     def as_dict(self) -> dict[str, Floats]:
@@ -156,9 +156,9 @@ def swing(
     if not abs(dip_deg) <= 89.0:
         raise UsageError(f"dip is {dip_deg:g}°: need −89° to 89°, as a vertical field gives no heading")
     rng = np.random.default_rng(seed)
-    attitudes = posed(np.radians(headings_deg(points)), 0.0, 0.0)
+    attitudes = attitudes_of(np.radians(headings_deg(points)), 0.0, 0.0)
     world = north_and_down(dip_deg)
-    directions = seen_from(attitudes, world)
+    directions = in_body_axes(attitudes, world)
     sensor = compass.sensor(positive(field_strength, "field_strength") * world[2])
     raw = sensor.read(field_strength * directions, rng)
     raw[:, 2] = 0.0
@@ -185,7 +185,7 @@ def _polar(readings: Floats, headings: Floats) -> tuple[Floats, Floats, Floats]:
 
 def _pair(values: ArrayLike, name: str) -> tuple[float, float]:
     """Two finite numbers; raises `ArrayError` for other values."""
-    array = floats(values, name)
+    array = to_floats(values, name)
     if array.shape != (2,) or not np.all(np.isfinite(array)):
         raise ArrayError(f"{name} is {np.array2string(array)}: need two finite numbers, for x and y")
     return float(array[0]), float(array[1])

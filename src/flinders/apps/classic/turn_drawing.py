@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.apps.classic.pages import evenness, is_mean
-from flinders.core.units import label
+from flinders.core.units import unit_label
 from flinders.errors import figures
 from flinders.fitting.claim import heading_words
 from flinders.report.charts import (
@@ -25,7 +25,7 @@ from flinders.report.charts import (
     drawing,
     segment,
     text,
-    thinned,
+    thin_out,
 )
 from flinders.report.formatting import degrees, minus
 
@@ -44,10 +44,10 @@ CIRCLE: Final = np.stack([np.cos(ANGLES_RAD), np.sin(ANGLES_RAD)], axis=1)
 
 def turn_drawing(turn: Turn, fit: Fit) -> str:
     """Drawing of a turn before and after the correction of a fit; a refused fit is marked, without its numbers."""
-    loaded, unit = turn.recipe if is_mean(fit) else turn.ellipse, label(fit.calibration.unit)
+    loaded, unit = turn.recipe if is_mean(fit) else turn.ellipse, unit_label(fit.calibration.unit)
     title = f"Turn in the plane {turn.plane}: {turn.spacing.points:,} points"
     subtitle = f"method {fit.evidence.method}; {evenness(turn, fit.claim.target_deg, is_mean=is_mean(fit))}"
-    points, ellipse = thinned(turn.points, MAX_POINTS), loaded.centre + CIRCLE @ loaded.shape
+    points, ellipse = thin_out(turn.points, MAX_POINTS), loaded.centre + CIRCLE @ loaded.shape
     return drawing(
         800,
         524,

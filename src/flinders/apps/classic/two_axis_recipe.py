@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, ClassVar, Final
 import numpy as np
 
 from flinders.estimators.base import Method
-from flinders.estimators.covariance import beyond_chance
-from flinders.estimators.data import laid_flat
-from flinders.estimators.in_plane import NotAnEllipse, equator, fitted_flat, lifted, require_turn
-from flinders.estimators.likelihood import ENOUGH
-from flinders.geometry.plane import IN_PLANE, Plane, PlaneEllipse, order_of
+from flinders.estimators.covariance import unexplained_part
+from flinders.estimators.data import project_to_plane
+from flinders.estimators.in_plane import NotAnEllipse, equator_ellipsoid, fit_projected, lift_estimate, require_turn
+from flinders.estimators.likelihood import MAX_ITERATED_READINGS
+from flinders.geometry.plane import PLANE_PARAMETERS, Plane, PlaneEllipse, axis_order
 from flinders.likelihood import magnitude, prior
-from flinders.likelihood.equations import FINEST
+from flinders.likelihood.equations import MIN_NOISE
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -82,7 +82,7 @@ class TwoAxisRecipe:
 
     def __post_init__(self) -> None:
         """Refuse a name that is no plane."""
-        order_of(self.plane)
+        axis_order(self.plane)
 
     def estimate(self, readings: Readings) -> Estimate:
         """Estimate from mean and scatter, with a comparison with the ellipse of least squares.
@@ -92,25 +92,25 @@ class TwoAxisRecipe:
         the spacing of the points.
         """
         require_turn(readings, self.unknowns, self.name, self.plane)
-        flat = laid_flat(readings, self.plane)
-        reference = fitted_flat(flat, prior.SPREAD)
+        flat = project_to_plane(readings, self.plane)
+        reference = fit_projected(flat, prior.SOFT_IRON_SPREAD)
         ellipse = PlaneEllipse.of_blocks(block[:, :2] for block in flat.blocks(self.name))
         long, short = ellipse.semi_axes.tolist()
-        if not short > FINEST * long:
+        if not short > MIN_NOISE * long:
             raise NotAnEllipse(self.name)
-        ellipsoid = equator(ellipse)
+        ellipsoid = equator_ellipsoid(ellipse)
         bias = _bias(ellipsoid, reference)
         estimate = replace(
             reference,
             ellipsoid=ellipsoid,
             covariance=reference.covariance + np.outer(bias, bias),
-            noise=_noise(flat.thinned(ENOUGH, self.name), ellipsoid),
+            noise=_noise(flat.thin(MAX_ITERATED_READINGS, self.name), ellipsoid),
             bias=bias if bias.any() else None,
             used=len(flat),
             rejected_beyond=np.inf,
             outliers=(),
         )
-        return lifted(
+        return lift_estimate(
             estimate,
             readings,
             self.plane,
@@ -124,7 +124,9 @@ def _bias(ellipsoid: Ellipsoid, reference: Estimate) -> Floats:
     """(9,) difference of an ellipse from that of least squares, beyond the uncertainty of the latter."""
     apart = ellipsoid.parameters - reference.ellipsoid.parameters
     bias = np.zeros(9)
-    bias[IN_PLANE] = beyond_chance(apart[IN_PLANE], reference.covariance[np.ix_(IN_PLANE, IN_PLANE)])
+    bias[PLANE_PARAMETERS] = unexplained_part(
+        apart[PLANE_PARAMETERS], reference.covariance[np.ix_(PLANE_PARAMETERS, PLANE_PARAMETERS)]
+    )
     return bias
 
 

@@ -22,25 +22,25 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, TypeAlias
 
 import numpy as np
 
-from flinders.apps.classic.composition import composed, refuse_unloaded
+from flinders.apps.classic.composition import compose, refuse_unloaded
 from flinders.apps.classic.two_axis_recipe import TwoAxisRecipe
 from flinders.core.geomag import ASSUMED_DIP_DEG
-from flinders.core.samples import Wrapped
+from flinders.core.samples import RecordingWrapper
 from flinders.errors import UnitError, UsageError, did_you_mean
-from flinders.estimators import Readings, within_range
+from flinders.estimators import Readings, remove_saturated
 from flinders.estimators.data import recording_of
 from flinders.estimators.ellipse import Ellipse
 from flinders.estimators.in_plane import require_turn
-from flinders.estimators.likelihood import ENOUGH
+from flinders.estimators.likelihood import MAX_ITERATED_READINGS
 from flinders.fitting import calibrate
 from flinders.fitting.fit_json import json_of
 from flinders.fitting.result import Refused, with_calibration
-from flinders.geometry.plane import PLANES, PlaneEllipse, Turn, across, order_of
+from flinders.geometry.plane import PLANES, PlaneEllipse, Turn, axis_order, turn_axis
 from flinders.likelihood.site_field import Site
 from flinders.readers import Instrument, is_source, open_recording
 from flinders.summary.summary import Summary
 from flinders.workflows.notes import Note
-from flinders.workflows.recordings import agree, fit_for, made_from
+from flinders.workflows.recordings import fit_for, own_recordings, require_same_frame
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -111,9 +111,9 @@ class TurnReadings:
         variances, axes = np.linalg.eigh(summary.moments.covariance)
         about = "xyz"[int(np.abs(axes[:, 0]).argmax())]
         goes_round = variances[0] < MAX_FLATNESS * variances[1] and variances[1] > MAX_FLATNESS * variances[2]
-        if not goes_round or about == across(self.plane):
+        if not goes_round or about == turn_axis(self.plane):
             return ()
-        lies = next(plane for plane in PLANES if across(plane) == about)
+        lies = next(plane for plane in PLANES if turn_axis(plane) == about)
         return (TurnNote("other-plane", values={"about": about, "lies": lies, "plane": self.plane}),)
 
     @cached_property
@@ -124,8 +124,8 @@ class TurnReadings:
         """
         require_turn(self.readings, Ellipse.unknowns, self.method or TwoAxisRecipe.name, self.plane)
         ellipsoid = Ellipse(self.plane, dip_deg=0.0).estimate(self.readings).ellipsoid
-        cells = list(order_of(self.plane)[:2])
-        points = self.readings.thinned(ENOUGH, Ellipse.name)[:, cells]
+        cells = list(axis_order(self.plane)[:2])
+        points = self.readings.thin(MAX_ITERATED_READINGS, Ellipse.name)[:, cells]
         return Turn.of(self.plane, points, PlaneEllipse(ellipsoid.centre[cells], ellipsoid.shape[cells][:, cells]))
 
     def fit(
@@ -140,7 +140,7 @@ class TurnReadings:
         previous = self.previous
         if previous is None:
             asked = self._fit_arguments(
-                target_deg, Site.stated(strength=field_strength, inclination_deg=dip_deg), sensor
+                target_deg, Site.merge_stated(strength=field_strength, inclination_deg=dip_deg), sensor
             )
             fit, notes = self._fit_with_notes(**asked)
             return TwoAxisFit(fit, self.turn, notes=notes)
@@ -149,14 +149,14 @@ class TurnReadings:
             raise UsageError(words, hint={"field_strength": None})
         dip_deg, calibration = _dip_deg(previous, dip_deg), previous.calibration
         refuse_unloaded(previous, self.turn, dip_deg=dip_deg, source=self.recording.source)
-        site = Site.stated(strength=calibration.field_strength, inclination_deg=dip_deg)
+        site = Site.merge_stated(strength=calibration.field_strength, inclination_deg=dip_deg)
         fit, notes = self._fit_with_notes(**self._fit_arguments(target_deg, site, sensor))
         fit = with_calibration(fit, replace(fit.calibration, field_strength_known=calibration.field_strength_known))
-        return TwoAxisFit(fit, self.turn, composed(previous, fit), notes)
+        return TwoAxisFit(fit, self.turn, compose(previous, fit), notes)
 
     def _fit_arguments(self, target_deg: float, site: Site | None, sensor: str | None) -> dict[str, Any]:
         """Arguments of a fit; for a log with several magnetometers, the name is that of the selected one."""
-        read = self.recording.recording if isinstance(self.recording, Wrapped) else self.recording
+        read = self.recording.recording if isinstance(self.recording, RecordingWrapper) else self.recording
         name = read.name if isinstance(read, Instrument) else sensor
         return {"target_deg": target_deg, "site": site, "sensor": name}
 
@@ -205,7 +205,7 @@ def read_turn(
     if method is not None and method not in METHODS:
         words = f"no method {method!r} of two axes{did_you_mean(method, METHODS)}: need one of {', '.join(METHODS)}"
         raise UsageError(words)
-    order_of(plane)
+    axis_order(plane)
     known = None if previous is None else fit_for(previous)
     if is_source(source):
         recording: Recording | Summary = open_recording(source, flat=plane)
@@ -215,18 +215,18 @@ def read_turn(
         raise UsageError("a turn needs readings: give the recording, not its summary")
     if known is not None:
         if is_source(source):
-            agree(known.calibration, recording)
+            require_same_frame(known.calibration, recording)
         if recording.unit.inside != known.calibration.unit:
             raise UnitError(
                 f"{recording.source} is in {recording.unit.inside}, {known.provenance.name} in {known.calibration.unit}"
             )
-        if made_from(known, [recording]):
+        if own_recordings(known, [recording]):
             raise UsageError(
                 f"{known.provenance.name} was made from {recording.source}, which cannot have been recorded with it "
                 f"loaded: record the next plane with {known.provenance.name} loaded, or correct a raw recording with "
                 "flinders apply"
             )
-    return TurnReadings(recording, within_range(Readings.of(recording)), plane, known, method)
+    return TurnReadings(recording, remove_saturated(Readings.of(recording)), plane, known, method)
 
 
 def two_axis(

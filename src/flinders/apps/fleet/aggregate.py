@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.apps.fleet.history import MOST, BatchRule, added_columns, batch_rule, whole_units
+from flinders.apps.fleet.history import MAX_BATCHES, BatchRule, added_columns, batch_rule, whole_units
 from flinders.apps.fleet.merging import common_findings
 from flinders.apps.fleet.not_good import first_of, not_good
 from flinders.apps.fleet.overview import FleetUnit, Histogram, Overview
@@ -133,14 +133,14 @@ class _Tally:
         with np.errstate(invalid="ignore", divide="ignore"):
             shares = {"heading error": np.where(known, worst_deg, np.nan), "offset": offset / radius}
             shares["noise"] = np.where(known, noise / radius, np.nan)
-        self.heading_deg = self.heading_deg.counted(shares["heading error"])
-        self.offset = self.offset.counted(shares["offset"])
-        self.noise = self.noise.counted(shares["noise"])
+        self.heading_deg = self.heading_deg.with_numbers(shares["heading error"])
+        self.offset = self.offset.with_numbers(shares["offset"])
+        self.noise = self.noise.with_numbers(shares["noise"])
         units = np.array(texts(table.column("unit_of_field")), dtype=object)
         for name in sorted(set(units[known])):
             low, high, classes = (10.0, 100.0, 120) if name == "uT" else (1.0, 1e5, 100)
             counted = self.strengths.get(name, Histogram.over(low, high, classes))
-            self.strengths[name] = counted.counted(radius[known & (units == name)])
+            self.strengths[name] = counted.with_numbers(radius[known & (units == name)])
         for rank, sizes in shares.items():
             self._rank(table, rank, sizes, shares)
 
@@ -157,7 +157,7 @@ class _Tally:
 def _add_counts(groups: dict[str, Counter[str]], names: Sequence[str], verdicts: Sequence[str]) -> None:
     """Add verdicts by group."""
     for (name, verdict), count in Counter(zip(names, verdicts, strict=True)).items():
-        if name in groups or len(groups) <= MOST:
+        if name in groups or len(groups) <= MAX_BATCHES:
             groups[name][verdict] += count
 
 

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self
 
 import numpy as np
 
-from flinders.apps.fleet.dates import arranged
-from flinders.apps.fleet.drift import CHANCE
+from flinders.apps.fleet.dates import arrange
+from flinders.apps.fleet.drift import FALSE_ALARM_PROBABILITY
 from flinders.apps.fleet.overview import STATES
 from flinders.apps.fleet.results import VERDICTS, UnitResult
 from flinders.comparison.pairs import EllipsoidPairs, differences
@@ -83,7 +83,7 @@ def alerts_of(new: Sequence[UnitResult], earlier: Iterable[UnitResult], *, targe
     return sorted(alerts, key=lambda alert: (alert.unit, alert.recording))
 
 
-def about_files(faults: Iterable[tuple[str, FlindersError]]) -> list[Alert]:
+def file_alerts(faults: Iterable[tuple[str, FlindersError]]) -> list[Alert]:
     """Alerts about files that changed or vanished, each by its name."""
     rows = [UnitResult(unit=f"({name})").with_error(error) for name, error in faults]
     return [Alert.of(row.cause, row, None) for row in rows]
@@ -104,7 +104,7 @@ def _successive_rows(new: Sequence[UnitResult], earlier: Iterable[UnitResult]) -
         units[row.unit].append(row)
     fresh = set(map(id, new))
     for rows in units.values():
-        order = arranged([row.recording for row in rows], np.array([row.start_s for row in rows]))
+        order = arrange([row.recording for row in rows], np.array([row.start_s for row in rows]))
         before = calibrated = None
         for row in (rows[place] for place in order.places):
             is_comparable = order.is_known and _has_calibration(row)
@@ -135,7 +135,7 @@ def _of_headings(found: Iterable[_Successive], target_deg: float) -> list[Alert]
     newer, _, older = zip(*pairs, strict=True)
     dips = np.array([row.dip_deg for row in newer])
     changes = differences(_ellipsoids(older), _ellipsoids(newer), dip_deg=dips)
-    beyond = (changes.worst_deg > target_deg) & (changes.p_value < CHANCE / len(pairs))
+    beyond = (changes.worst_deg > target_deg) & (changes.p_value < FALSE_ALARM_PROBABILITY / len(pairs))
     words = {"cause": "", "limit": target_deg, "message": ALERTS["heading-changed"], "remedy": HEADING_REMEDY}
     return [
         Alert.of("heading-changed", row, before, {**words, "number": float(worst)})

@@ -38,8 +38,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.comparison.pairs import chances
-from flinders.summary.pooling import chance_of
+from flinders.comparison.pairs import p_values
+from flinders.summary.pooling import p_value_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -55,7 +55,7 @@ CHI_SQUARE_MEDIAN: Final = 2.366
 """Median of chi-square with three degrees of freedom."""
 MAX_PAIRS: Final = 20_000
 """Largest number of pairs of recordings from which the variance of a fleet is estimated."""
-FEWEST: Final = 40
+MIN_PAIRS: Final = 40
 """Smallest number of pairs from which a variance is estimated; with fewer, claimed covariances stay as they are."""
 GROUPS: Final = 4
 """Groups of pairs, by the share of their variance that grows with time."""
@@ -63,7 +63,7 @@ FACTORS: Final = np.geomspace(1.0, 100.0, 25)
 """Variance factors that are tried."""
 WALKS: Final = 24
 """Number of random walks that are tried, besides zero."""
-YEAR: Final = 365.25 * 86400.0
+YEAR_S: Final = 365.25 * 86400.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +78,7 @@ class Variance:
     def heading_deg(self, seconds: float, *, dip_deg: float = 60.0) -> float:
         """Worst 1 σ heading error, in degrees, of a level vehicle after a random walk of so many seconds.
 
-        >>> round(Variance(random_walk=1e-6).heading_deg(YEAR), 2)
+        >>> round(Variance(random_walk=1e-6).heading_deg(YEAR_S), 2)
         0.64
         """
         return math.degrees(self.random_walk * math.sqrt(seconds) / math.cos(math.radians(dip_deg)))
@@ -91,7 +91,7 @@ def estimate_variance(changes: Floats, claimed: Floats, seconds: Floats) -> Vari
     a time of NaN are left out; without dates a time is a number of recordings.
     """
     known = np.isfinite(seconds) & np.isfinite(changes).all(axis=1)
-    if np.count_nonzero(known) < FEWEST:
+    if np.count_nonzero(known) < MIN_PAIRS:
         return Variance(pairs=int(np.count_nonzero(known)))
     values, axes = np.linalg.eigh(claimed[known])
     values = values.clip(min=1e-30)
@@ -222,7 +222,7 @@ def change_points(series: OffsetSeries, variance: Variance, *, chance: float) ->
         tests = interval_tests(series, begin, end, variance)
         best = tests.best(chance)
         beyond_line = [_step_chi_square(series, tests, place, (begin, end), variance) for place in best.tolist()]
-        best = best[chances(np.array(beyond_line), np.full(len(best), 3)) < chance]
+        best = best[p_values(np.array(beyond_line), np.full(len(best), 3)) < chance]
         cut, segment = tests.after[best] + 1, tests.segment[best]
         cuts.append(cut)
         begin, end = np.concatenate([begin[segment], cut]), np.concatenate([cut, end[segment]])
@@ -258,9 +258,9 @@ def interval_tests(series: OffsetSeries, begin: Places, end: Places, variance: V
     interval = np.abs(series.time[after + 1] - series.time[after])
     covariance = before_sigma + behind_sigma + (square * interval)[:, np.newaxis, np.newaxis] * np.eye(3)
     chi_square = _whitened_squares(moved, covariance)
-    p_value = chances(chi_square, np.full(len(after), 3))
+    p_value = p_values(chi_square, np.full(len(after), 3))
     for place in np.flatnonzero(freedom).tolist():
-        p_value[place] = chance_of(float(chi_square[place]), 3, others=float(freedom[place]))
+        p_value[place] = p_value_of(float(chi_square[place]), 3, others=float(freedom[place]))
     return IntervalTests(segment, after, moved, p_value, chi_square, square)
 
 
@@ -332,7 +332,7 @@ def _random_walks(
     others = np.where(is_there, others, 0)
     is_there &= np.isfinite(excess[others])
     count = is_there.sum(axis=1)
-    odd = chances(np.where(is_there, chi_square[others], 0.0).sum(axis=1), 3 * count) < OWN_DRIFT_SIGNIFICANCE
+    odd = p_values(np.where(is_there, chi_square[others], 0.0).sum(axis=1), 3 * count) < OWN_DRIFT_SIGNIFICANCE
     sizes = np.sort(np.where(is_there, excess[others], np.inf), axis=1)
     own = sizes[np.arange(len(after)), np.maximum(count - 1, 0) // 2]
     faster = odd & (count > 0) & (own > variance.random_walk**2)

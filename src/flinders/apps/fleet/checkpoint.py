@@ -23,7 +23,7 @@ from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any, Final
 
 from flinders.apps.fleet.storage import is_remote
-from flinders.core.files import locked, reason, write_text
+from flinders.core.files import reason_and_remedy, try_lock, write_text
 from flinders.errors import OutputError, UsageError
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ class Checkpoint:
                 checkpoint._match(plan)
                 (folder / OWNER_FILE).write_text(f"process {os.getpid()} on {platform.node()}", encoding="utf-8")
             except OSError as error:
-                raise OutputError(f"{folder}: cannot be written: {reason(error)}") from None
+                raise OutputError(f"{folder}: cannot be written: {reason_and_remedy(error)}") from None
             undo.pop_all()
         return checkpoint
 
@@ -76,7 +76,7 @@ class Checkpoint:
     def _prepare(self, *, append: bool, force: bool) -> None:
         """Refuse foreign files; keep, remove or refuse the partitions of an earlier run."""
         self._refuse_foreign()
-        if self.done and not append and not force:
+        if self.finished_count and not append and not force:
             raise UsageError(
                 f"{self.folder} holds partitions of an earlier run: continue that run, or begin again",
                 hint={"append": True, "force": True},
@@ -90,7 +90,7 @@ class Checkpoint:
             path.unlink()
 
     @property
-    def done(self) -> int:
+    def finished_count(self) -> int:
         """Number of finished partitions."""
         return sum(1 for _ in self.folder.glob(PARTITION_FILES))
 
@@ -110,7 +110,7 @@ class Checkpoint:
         known = _read_plan(path)
         if known.get("fingerprint") == plan.fingerprint:
             return
-        if self.done and known.get("asked") != plan.asked:
+        if self.finished_count and known.get("asked") != plan.asked:
             raise UsageError(
                 f"{self.folder} belongs to a run with other options or another release: repeat those to continue it, "
                 "or begin again",
@@ -120,7 +120,7 @@ class Checkpoint:
         about = {"fingerprint": plan.fingerprint, "asked": plan.asked, "files": plan.names}
         write_text(json.dumps(about) + "\n", path, force=True)
 
-    def finished(self) -> dict[int, Path]:
+    def finished_files(self) -> dict[int, Path]:
         """Files of finished partitions by number; files that have changed since are removed."""
         files = {}
         for path in sorted(self.folder.glob(PARTITION_FILES)):
@@ -144,7 +144,7 @@ class Checkpoint:
             temporary.write_bytes(content)
             return temporary.replace(path)
         except OSError as error:
-            raise OutputError(f"{path}: cannot be written: {reason(error)}") from None
+            raise OutputError(f"{path}: cannot be written: {reason_and_remedy(error)}") from None
         finally:
             with contextlib.suppress(OSError):
                 temporary.unlink()
@@ -178,7 +178,7 @@ def _lock(folder: Path) -> int | None:
     if os.name == "nt":
         return None
     descriptor = os.open(folder, os.O_RDONLY)
-    if locked(descriptor):
+    if try_lock(descriptor):
         return descriptor
     os.close(descriptor)
     owner = "process not recorded"

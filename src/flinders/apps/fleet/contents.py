@@ -9,7 +9,7 @@ a description and the commands to type next.
 >>> for name in ("A17/monday.csv", "A17/friday.csv", "B02/monday.csv"):
 ...     (folder / name).parent.mkdir(parents=True, exist_ok=True)
 ...     _ = (folder / name).write_text("x,y,z\n")
->>> known = recognised(str(folder))
+>>> known = contents_of(str(folder))
 >>> known.units, known.recordings, known.commands[0].startswith("flinders fleet")
 (2, 3, True)
 """
@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from flinders.apps.fleet.names import CSV, TABLES, UNIT_COLUMNS, header_of
-from flinders.errors import FlindersError, counted
+from flinders.errors import FlindersError, count_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -64,17 +64,17 @@ class Contents:
     @property
     def words(self) -> str:
         """Description of the contents, in one line."""
-        units = counted(self.units, "unit")
+        units = count_text(self.units, "unit")
         if self.kind == "table of a fleet":
             more = f"; with {', '.join(self.properties)}" if self.properties else ""
-            return f"{self.path} is the table of a fleet: {counted(self.recordings, 'recording')} of {units}{more}"
+            return f"{self.path} is the table of a fleet: {count_text(self.recordings, 'recording')} of {units}{more}"
         first = ", ".join(self.names) + (" …" if self.units > len(self.names) else "")
         if self.kind == "folder":
-            return f"{self.path} is a folder: {counted(self.recordings, 'file')} of {units} ({first})"
+            return f"{self.path} is a folder: {count_text(self.recordings, 'file')} of {units} ({first})"
         return f"{self.path} has readings of {units} ({first}), which the column {self.unit_column} tells apart"
 
     @property
-    def instead(self) -> str:
+    def advice(self) -> str:
         """Description of the contents, and the command to use instead of one for a single recording."""
         return f"{self.words}: {self.commands[0]}" if self.commands else f"{self.words}: give a recording"
 
@@ -86,18 +86,18 @@ class Contents:
         """Page of the terminal."""
         from rich.console import Group
 
-        from flinders.apps.fleet.run_page import listed, of_verdicts
+        from flinders.apps.fleet.run_page import cause_list, of_verdicts
         from flinders.report.terminal import next_commands, page
 
         bad = sum(self.verdicts.values()) - self.verdicts.get("good", 0)
         return page(
             Group(self.words, *([of_verdicts(self.verdicts)] if self.verdicts else [])),
-            listed("not good", self.not_good, bad, self.path) if self.not_good else None,
+            cause_list("not good", self.not_good, bad, self.path) if self.not_good else None,
             next_commands(self.commands) if self.commands else None,
         )
 
 
-def recognised(path: str) -> Contents | None:
+def contents_of(path: str) -> Contents | None:
     """Contents of a path; None for a recording of one sensor, and for a path that cannot be read."""
     try:
         if Path(path).is_dir():
@@ -113,12 +113,12 @@ def _of_folder(path: str) -> Contents | None:
     """Contents of a folder of recordings; None for a folder that is itself a recording, or has no recordings."""
     from flinders.apps.fleet.kinds import is_readable
     from flinders.apps.fleet.plan import key_of
-    from flinders.apps.fleet.storage import listed
+    from flinders.apps.fleet.storage import list_files
     from flinders.readers import registry
 
     if any((Path(path) / reader.folder_file).is_file() for reader in registry() if reader.folder_file):
         return None
-    names = [file.name for file in listed(path) if not file.kind and is_readable(file.name)]
+    names = [file.name for file in list_files(path) if not file.kind and is_readable(file.name)]
     units = sorted({key_of(name)[0] for name in names})
     if not names:
         return None
@@ -134,13 +134,13 @@ def _of_folder(path: str) -> Contents | None:
 
 def _of_table(path: str) -> Contents | None:
     """Contents of a Parquet or Arrow table; None for a recording of one sensor."""
-    from flinders.apps.fleet.dataset import opened, units_of
+    from flinders.apps.fleet.dataset import open_table_file, units_of
     from flinders.apps.fleet.keys import KeyColumns
     from flinders.apps.fleet.options import Options
     from flinders.apps.fleet.results import SIGN
     from flinders.apps.fleet.storage import StoredFile
 
-    with opened(StoredFile(Path(path).name, path, Path(path).stat().st_size), Options()) as file:
+    with open_table_file(StoredFile(Path(path).name, path, Path(path).stat().st_size), Options()) as file:
         if SIGN in (file.schema.metadata or {}):
             return _of_fleet(path, path)
         keys = KeyColumns.of_schema(file.name, file.schema, Options())

@@ -7,7 +7,7 @@ r"""Datasets of Parquet and Arrow files whose rows are readings of many units: f
 >>> path = tempfile.mkdtemp() + "/fleet.parquet"
 >>> parquet.write_table(pyarrow.table(columns), path)
 >>> from flinders.apps.fleet.options import Options
->>> with opened(storage.StoredFile("fleet.parquet", path, 0), Options()) as file:
+>>> with open_table_file(storage.StoredFile("fleet.parquet", path, 0), Options()) as file:
 ...     table = KeyedTable.of(file, Options())
 ...     [(runs, values)] = table.batches((0,), names := Interner())
 ...     file.groups, extents_of(file, table.keys), [names.pairs[each] for each in runs.numbers.tolist()], runs.lengths
@@ -30,7 +30,7 @@ from flinders.apps.fleet.names import CSV, PARQUET, header_of
 from flinders.apps.fleet.results import needs_arrow
 from flinders.core.axes import Axes
 from flinders.errors import FlindersError, UnreadableInput, UsageError
-from flinders.foreign_errors import reading
+from flinders.foreign_errors import parser_errors
 from flinders.readers import Choice
 from flinders.readers._names import CURRENT, CURRENTS, STRENGTH, TEMPERATURE, THROTTLE, THROTTLES, TIME
 from flinders.readers._source import File
@@ -66,7 +66,7 @@ BATCH_ROWS: Final = 131_072
 """Rows that are converted at a time."""
 PREVIEW_ROWS: Final = 1_024
 """Rows from which columns are recognised."""
-USED: Final = (TIME, STRENGTH, TEMPERATURE, CURRENT, THROTTLE, CURRENTS, THROTTLES)
+USED_COLUMNS: Final = (TIME, STRENGTH, TEMPERATURE, CURRENT, THROTTLE, CURRENTS, THROTTLES)
 """Kinds of columns that a fit without aiding sensors uses; others are not read."""
 
 
@@ -89,12 +89,12 @@ class TableFile:
 
     def batches(self, groups: Sequence[int], columns: list[str], rows: int = BATCH_ROWS) -> Iterator[Any]:
         """Yield record batches of some groups and columns, of 1 to `rows` rows; raises UnreadableInput."""
-        with reading(self.name, f"a table of {self.kind}"):
+        with parser_errors(self.name, f"a table of {self.kind}"):
             yield from (batch for batch in self.read(groups, columns, rows) if batch.num_rows)
 
 
 @contextlib.contextmanager
-def opened(file: StoredFile, options: Options) -> Iterator[TableFile]:
+def open_table_file(file: StoredFile, options: Options) -> Iterator[TableFile]:
     """Open a Parquet or Arrow file, local or in a store; raises UnreadableInput if the file is broken or gone.
 
     A CSV of many units is read into memory, as one group of rows.
@@ -102,10 +102,13 @@ def opened(file: StoredFile, options: Options) -> Iterator[TableFile]:
     needs_arrow()
     is_parquet = file.name.lower().endswith(PARQUET)
     if file.name.lower().endswith(CSV):
-        with storage.fetched(file) as path, reading(file.name, "a table of text"):
+        with storage.fetch(file) as path, parser_errors(file.name, "a table of text"):
             yield _csv(file.name, path, options)
         return
-    with storage.opened(file) as where, reading(file.name, "a Parquet table" if is_parquet else "an Arrow file"):
+    with (
+        storage.open_stored(file) as where,
+        parser_errors(file.name, "a Parquet table" if is_parquet else "an Arrow file"),
+    ):
         yield _parquet(file.name, where, file.size, options) if is_parquet else _arrow(file.name, where, file.size)
 
 
@@ -143,10 +146,10 @@ def _csv(name: str, path: Path, options: Options) -> TableFile:
     keys = KeyColumns.of(name, names, options, needs_batch=False)
     kinds = dict.fromkeys(keys.columns if keys else (), needs_arrow().string())
     parse, convert = csv.ParseOptions(delimiter=delimiter), csv.ConvertOptions(column_types=kinds)
-    return in_memory(name, "CSV", csv.read_csv(path, parse_options=parse, convert_options=convert))
+    return table_in_memory(name, "CSV", csv.read_csv(path, parse_options=parse, convert_options=convert))
 
 
-def in_memory(name: str, kind: str, table: Any) -> TableFile:  # noqa: ANN401
+def table_in_memory(name: str, kind: str, table: Any) -> TableFile:  # noqa: ANN401
     """A table of Arrow as a file of one group."""
 
     def batches(_: Sequence[int], columns: list[str], rows: int) -> Iterator[Any]:
@@ -224,7 +227,7 @@ class KeyedTable:
             axes=Axes.of(options.axes),
             choice=Choice(options.sensor, is_name=True),
         )
-        recording.columns = replace(recording.columns.only(*USED), is_assumed=False)
+        recording.columns = replace(recording.columns.with_only(*USED_COLUMNS), is_assumed=False)
         return cls(file, keys, recording)
 
     @property
@@ -241,7 +244,7 @@ class KeyedTable:
         places = places_of(self.schema)
         wanted = [places[cell] for cell in self.recording.columns.cells]
         for batch in self.file.batches(groups, sorted({*(column for column, _, _ in wanted), *self.keys.columns})):
-            with reading(self.file.name, f"a table of {self.file.kind}"):
+            with parser_errors(self.file.name, f"a table of {self.file.kind}"):
                 values = [values_of(batch.column(column), part) for column, part, _ in wanted]
             yield _runs(batch, self.keys, names), values
 
@@ -314,7 +317,7 @@ def runs_of(coded: Sequence[tuple[list[str], NDArray[np.integer] | None]], rows:
         [texts[place] for place in own.tolist()] for (texts, _), own in zip(coded, chosen, strict=True)
     )
     numbers = np.array([*map(names.number, zip(units, recordings, strict=True), batches)], dtype=np.int64)
-    return Runs.joined([Runs(numbers[inverse], np.diff(first, append=rows))])
+    return Runs.join([Runs(numbers[inverse], np.diff(first, append=rows))])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -334,7 +337,7 @@ class Runs:
         return np.repeat(self.numbers, self.lengths)
 
     @classmethod
-    def joined(cls, parts: Sequence[Runs]) -> Self:
+    def join(cls, parts: Sequence[Runs]) -> Self:
         """Concatenate parts; a run that continues in the next part becomes one run."""
         numbers = np.concatenate([np.empty(0, dtype=np.int64), *(part.numbers for part in parts)])
         lengths = np.concatenate([np.empty(0, dtype=np.int64), *(part.lengths for part in parts)])

@@ -8,9 +8,9 @@ all recordings of the unit need an ISO 8601 date in their names, or none of them
 >>> date_of("flight 12"), date_of("03-04-2026.csv")
 (nan, nan)
 >>> names = ["run 10", "run 9", "run 11"]
->>> arranged(names, np.array([3.0, 900.0, 400.0]))                          # seconds since power-on are no order
+>>> arrange(names, np.array([3.0, 900.0, 400.0]))                          # seconds since power-on are no order
 Arrangement(places=[1, 0, 2], date_s=[nan, nan, nan], is_known=True)
->>> arranged(["after", "2026-01-10", "before"], np.full(3, np.nan)).is_known
+>>> arrange(["after", "2026-01-10", "before"], np.full(3, np.nan)).is_known
 False
 """
 
@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.readers._times import EPOCHS, LONG
+from flinders.readers._times import EPOCHS, MIN_EPOCH_S
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -48,7 +48,7 @@ OTHER_DATE: Final = re.compile(r"(?<!\d)\d{1,2}([-_./])\d{1,2}\1(?:19[89]|20\d)\
 
 def is_date(seconds: Floats) -> NDArray[np.bool_]:
     """(n,) whether times count from 1970 and not from power-on; False for NaN."""
-    counts: NDArray[np.bool_] = (seconds > LONG) & (seconds < MAX_DATE_S)
+    counts: NDArray[np.bool_] = (seconds > MIN_EPOCH_S) & (seconds < MAX_DATE_S)
     return counts
 
 
@@ -101,7 +101,7 @@ class Arrangement:
         return self.is_known and not any(map(math.isnan, self.date_s))
 
 
-def arranged(names: Sequence[str], start_s: Floats, tables: Sequence[int] | None = None) -> Arrangement:
+def arrange(names: Sequence[str], start_s: Floats, tables: Sequence[int] | None = None) -> Arrangement:
     """Order the n recordings of one unit by their names, (n,) start times, and numbers of their tables.
 
     By their clocks if all have dates, else by the dates in their names if all have one, else by name if none has a

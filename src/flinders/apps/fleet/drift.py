@@ -5,8 +5,8 @@ read twice, a bounded number of rows at a time: once for the variance between re
 unit. Recordings without dates have a variance of their own; `flinders.apps.fleet.history` orders the recordings.
 
 The rate of false alarms does not grow with the fleet. In a fleet of this size in which nothing moved, the probability
-that any change, or any step, is reported is below `CHANCE`: an interval is tested at `CHANCE` over the number of
-intervals, a unit at `CHANCE` over the number of units (Bonferroni). docs/fleet/drift.md has the detectable changes.
+that any change, or any step, is reported is below `FALSE_ALARM_PROBABILITY`: an interval is tested at `FALSE_ALARM_PROBABILITY` over the number of
+intervals, a unit at `FALSE_ALARM_PROBABILITY` over the number of units (Bonferroni). docs/fleet/drift.md has the detectable changes.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
-from flinders.apps.fleet.change_points import FEWEST, YEAR, ChangePoint, PairSample, Variance, change_points
-from flinders.apps.fleet.history import MOST, BatchRule, OffsetSeries, batch_rule, histories
+from flinders.apps.fleet.change_points import MIN_PAIRS, YEAR_S, ChangePoint, PairSample, Variance, change_points
+from flinders.apps.fleet.history import MAX_BATCHES, BatchRule, OffsetSeries, batch_rule, histories
 from flinders.apps.fleet.overview import (
     STATES,
     BatchDrift,
@@ -30,7 +30,7 @@ from flinders.apps.fleet.overview import (
     Undated,
     UnitDrift,
     UnitStep,
-    standing_out,
+    outlying_batches,
 )
 from flinders.apps.fleet.results import VERDICTS
 from flinders.comparison.pairs import Differences, differences, offset_heading_deg
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from flinders.apps.fleet.history import Histories
     from flinders.arrays import Floats
 
-CHANCE: Final = 0.01
+FALSE_ALARM_PROBABILITY: Final = 0.01
 """Probability of a false alarm in a whole fleet, as in a comparison of two calibrations."""
 DIP_DEG: Final = 60.0
 """Dip of the field, in degrees, if the tables have none."""
@@ -92,8 +92,8 @@ def drift_of(
     rule = batch_rule(paths, batch)
     survey = _Survey.of(paths, rule)
     count = len({name for name, _ in survey.verdicts})
-    if batch is not None and count > MOST:
-        raise UsageError(f"batch {batch!r} gives more than {MOST:,} batches: choose one that many units share")
+    if batch is not None and count > MAX_BATCHES:
+        raise UsageError(f"batch {batch!r} gives more than {MAX_BATCHES:,} batches: choose one that many units share")
     dated, undated = _variances(survey)
     rules = _Rules(
         dated=dated,
@@ -102,8 +102,8 @@ def drift_of(
         dip_deg=survey.dip_deg if dip_deg is None else dip_deg,
         is_dip_given=dip_deg is not None,
         against=against,
-        change_p_value_limit=CHANCE / max(survey.changing, 1),
-        step_p_value_limit=CHANCE / max(survey.intervals, 1),
+        change_p_value_limit=FALSE_ALARM_PROBABILITY / max(survey.changing, 1),
+        step_p_value_limit=FALSE_ALARM_PROBABILITY / max(survey.intervals, 1),
     )
     results = _DriftTally(most)
     for history in histories(paths, rule=rule):
@@ -165,17 +165,17 @@ class _Survey:
         self.changing += int(np.count_nonzero(several))
         self.undated_units += int(np.count_nonzero(several & ~history.is_dated))
         for key, count in history.verdicts.items():
-            if key in self.verdicts or len(self.verdicts) <= len(VERDICTS) * MOST:
+            if key in self.verdicts or len(self.verdicts) <= len(VERDICTS) * MAX_BATCHES:
                 self.verdicts[key] += count
 
 
 def _variances(survey: _Survey) -> tuple[Variance, Variance]:
     """Variance of recordings with and without dates; a kind with too few pairs gets the factor of the other."""
     dated, undated = survey.dated.variance(), survey.undated.variance()
-    if undated.pairs < FEWEST <= dated.pairs:
+    if undated.pairs < MIN_PAIRS <= dated.pairs:
         typical = survey.dated.typical_time()
         undated = replace(undated, factor=dated.factor, random_walk=dated.random_walk * math.sqrt(typical))
-    elif dated.pairs < FEWEST <= undated.pairs:
+    elif dated.pairs < MIN_PAIRS <= undated.pairs:
         dated = replace(dated, factor=undated.factor)
     return dated, undated
 
@@ -209,7 +209,7 @@ def _changes_of(history: Histories, rules: _Rules) -> list[UnitDrift]:
     carried = history.first[several] if rules.against == "first" else newest - 1
     calibrations = history.calibrations
     changes = differences(calibrations[carried], calibrations[newest], dip_deg=rules.dips(history.dip_deg[newest]))
-    changes = changes.inflated(np.where(history.is_dated[several], rules.dated.factor, rules.undated.factor))
+    changes = changes.inflate(np.where(history.is_dated[several], rules.dated.factor, rules.undated.factor))
     states = _states(changes, rules)
     p_value = changes.p_value
     compared: dict[int, dict[str, Any]] = {}
@@ -319,7 +319,7 @@ class _DriftTally:
     def add(self, units: Sequence[UnitDrift], steps: Sequence[UnitStep]) -> None:
         """Add some units."""
         self.states.update(unit.state for unit in units)
-        self.change_deg = self.change_deg.counted([unit.worst_deg for unit in units])
+        self.change_deg = self.change_deg.with_numbers([unit.worst_deg for unit in units])
         for name, worst in (("recalibrate", self.urgent), ("unsure", self.unsure)):
             listed = [*worst, *(unit for unit in units if unit.state == name)]
             worst[:] = heapq.nsmallest(self.most, listed, key=lambda unit: (-unit.worst_deg, unit.unit))
@@ -331,7 +331,7 @@ class _DriftTally:
         unordered = (unit.unit for unit in units if unit.state == "unordered")
         self.unordered += itertools.islice(unordered, self.most - len(self.unordered))
         for (batch, state), count in Counter((unit.batch, unit.state) for unit in units).items():
-            if batch in self.batches or len(self.batches) <= MOST:
+            if batch in self.batches or len(self.batches) <= MAX_BATCHES:
                 self.batches[batch][state] += count
         self.stepped.update(unit.batch for unit in units if unit.unit in stepped)
 
@@ -353,9 +353,9 @@ def _fleet_drift(survey: _Survey, rules: _Rules, results: _DriftTally, rule: Bat
         intervals=survey.intervals,
         step_p_value_limit=rules.step_p_value_limit,
         change_p_value_limit=rules.change_p_value_limit,
-        false_alarm_probability=CHANCE,
+        false_alarm_probability=FALSE_ALARM_PROBABILITY,
         variance_factor=rules.dated.factor,
-        random_walk_deg_per_root_year=rules.dated.heading_deg(YEAR, dip_deg=rules.dip_deg),
+        random_walk_deg_per_root_year=rules.dated.heading_deg(YEAR_S, dip_deg=rules.dip_deg),
         pairs=rules.dated.pairs,
         undated=Undated(
             survey.undated_units, undated.factor, undated.heading_deg(1.0, dip_deg=rules.dip_deg), undated.pairs
@@ -379,9 +379,11 @@ def _batches(survey: _Survey, results: _DriftTally, rule: BatchRule) -> tuple[Ba
         verdicts[batch][verdict] = count
     judged = {name: sum(results.batches[name][state] for state in COMPARED_STATES) for name in names}
     odd = {
-        "changes": standing_out({name: _shares(judged[name], _changed_units(results.batches[name])) for name in names}),
-        "steps": standing_out({name: _shares(judged[name], results.stepped[name]) for name in names}),
-        "verdicts": standing_out(verdicts),
+        "changes": outlying_batches(
+            {name: _shares(judged[name], _changed_units(results.batches[name])) for name in names}
+        ),
+        "steps": outlying_batches({name: _shares(judged[name], results.stepped[name]) for name in names}),
+        "verdicts": outlying_batches(verdicts),
     }
     return tuple(
         BatchDrift(

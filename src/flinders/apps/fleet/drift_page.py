@@ -15,13 +15,13 @@ from rich.console import Group
 from rich.table import Column
 
 from flinders.apps.fleet.overview import STATES
-from flinders.apps.fleet.report import about_order, chance, common_unit, when
-from flinders.core.units import label
-from flinders.errors import counted, figures, percent
+from flinders.apps.fleet.report import chance, common_unit, format_day, order_notes
+from flinders.core.units import unit_label
+from flinders.errors import count_text, figures, percent
 from flinders.report.formatting import (
     degrees,
 )
-from flinders.report.terminal import page, styled, table
+from flinders.report.terminal import page, style_cells, table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -52,13 +52,13 @@ def of_drift(drift: FleetDrift) -> RenderableType:
 def day_or_name(seconds: float, recording: str) -> str:
     """Day of a recording; if the date is not known, the end of its name."""
     if math.isfinite(seconds) or not recording:
-        return when(seconds)
+        return format_day(seconds)
     return recording if len(recording) <= MAX_NAME_LENGTH else f"…{recording[1 - MAX_NAME_LENGTH :]}"
 
 
 def _states(drift: FleetDrift) -> Table:
     rows = [
-        styled(STATE_COLOURS.get(name, "dim"), name, f"{drift.states[name]:,}", words)
+        style_cells(STATE_COLOURS.get(name, "dim"), name, f"{drift.states[name]:,}", words)
         for name, words in STATES.items()
         if drift.states[name]
     ]
@@ -88,7 +88,7 @@ def _steps(drift: FleetDrift) -> Table:
     headings = (Column("moved", no_wrap=True), "heading", by, "chance", "after", "before")
     rows = [
         (one.unit, degrees(one.worst_deg),
-         f"{figures(math.hypot(*one.offset_change))} {label(one.unit_of_field)}".removesuffix(f" {unit}"),
+         f"{figures(math.hypot(*one.offset_change))} {unit_label(one.unit_of_field)}".removesuffix(f" {unit}"),
          chance(one.p_value), day_or_name(one.before_s, one.before), day_or_name(one.after_s, one.after))
         for one in drift.steps[:MAX_ROWS]
     ]  # fmt: skip
@@ -104,7 +104,7 @@ def _batches(drift: FleetDrift) -> Table:
 def _batch_row(one: BatchDrift) -> list[Text]:
     counts = (one.units, one.states.get("recalibrate", 0), one.states.get("changed", 0), one.step_units)
     cells = (*(f"{count:,}" for count in counts), percent(*one.not_good), ", ".join(one.stands_out))
-    return styled("yellow" if one.stands_out else "", one.batch or "not known", *cells)
+    return style_cells("yellow" if one.stands_out else "", one.batch or "not known", *cells)
 
 
 def _more(count: int) -> list[tuple[str]]:
@@ -114,16 +114,18 @@ def _more(count: int) -> list[tuple[str]]:
 
 def _shown_batches(batches: Sequence[BatchDrift], most: int) -> list[BatchDrift]:
     """Select `most` batches, sorted by name: those that stand out, then those with the largest share of changes."""
-    worst = sorted(batches, key=lambda one: (not one.stands_out, -one.changed / max(one.units, 1), one.batch))[:most]
+    worst = sorted(batches, key=lambda one: (not one.stands_out, -one.changed_units / max(one.units, 1), one.batch))[
+        :most
+    ]
     return sorted(worst, key=lambda one: one.batch)
 
 
 def _remarks(drift: FleetDrift) -> list[str]:
     """Remarks below the tables, one line each."""
     against = "its first" if drift.against == "first" else "the one before"
-    what = f"{counted(drift.calibrations, 'calibration')} of {counted(drift.units, 'unit')}"
+    what = f"{count_text(drift.calibrations, 'calibration')} of {count_text(drift.units, 'unit')}"
     remarks = [f"{what}; the newest of each against {against}, level vehicle, dip {abs(drift.dip_deg):.3g}°"]
-    remarks += about_order(drift)
+    remarks += order_notes(drift)
     if drift.variance_factor > 1.05:
         remarks.append(
             f"recordings scatter {figures(drift.variance_factor**0.5)} times as far as they claim: tests allow for it"
@@ -140,7 +142,7 @@ def _remarks(drift: FleetDrift) -> list[str]:
         by = f"{degrees(undated.random_walk_deg_per_root_recording)} of heading from one recording to the next (1 σ)"
         remarks.append(f"slow drift where no dates are known: {by}")
     if drift.without_calibration:
-        rows = counted(drift.without_calibration, "row")
+        rows = count_text(drift.without_calibration, "row")
         remarks.append(f"{rows} left out: refused, failed, or in another unit than the others")
     if drift.batches:
         remarks.append(f"the batch is taken from {drift.batch_source}")

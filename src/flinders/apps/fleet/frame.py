@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from flinders.apps.fleet.dataset import USED, Interner, no_units, runs_of
+from flinders.apps.fleet.dataset import USED_COLUMNS, Interner, no_units, runs_of
 from flinders.apps.fleet.keys import KeyColumns, text_of
 from flinders.core.axes import Axes
 from flinders.core.frames import columns_of
@@ -62,7 +62,7 @@ class KeyedFrame:
             axes=Axes.of(options.axes),
             choice=Choice(options.sensor, is_name=True),
         )
-        recording.columns = replace(recording.columns.only(*USED), is_assumed=False)
+        recording.columns = replace(recording.columns.with_only(*USED_COLUMNS), is_assumed=False)
         return cls(keys, {name: words_of(columns[name]) for name in keys.columns}, recording)
 
     @property

@@ -75,7 +75,7 @@ class VanishedFile(InputError):
         super().__init__(f"{name} was fitted and is no longer there: its rows stay as they are; look for the file")
 
 
-ABOUT_FILES: Final = (ChangedFile.code, VanishedFile.code)
+FILE_CODES: Final = (ChangedFile.code, VanishedFile.code)
 """Codes of rows about files that were fitted before; each run writes these rows anew."""
 
 
@@ -145,7 +145,7 @@ class ReadFiles:
                 hint={"force": True},
             )
 
-    def news(self, files: Sequence[StoredFile]) -> tuple[list[StoredFile], dict[str, FlindersError]]:
+    def find_changes(self, files: Sequence[StoredFile]) -> tuple[list[StoredFile], dict[str, FlindersError]]:
         """New files, and an error for each file that has changed or is gone, by name."""
         new, faults = [], dict[str, FlindersError]()
         for each in files:
@@ -179,6 +179,6 @@ class ReadFiles:
         return replace(self, files={name: files[name] for name in sorted(files)})
 
 
-def rows_about(faults: Mapping[str, FlindersError]) -> UnitResults:
+def fault_rows(faults: Mapping[str, FlindersError]) -> UnitResults:
     """A row for each file that has changed or is gone; its unit is the name of the file in parentheses."""
     return UnitResults.of([UnitResult(unit=f"({name})").with_error(error) for name, error in faults.items()]).sorted()

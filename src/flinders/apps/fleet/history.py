@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.apps.fleet.dates import arranged, is_date
+from flinders.apps.fleet.dates import arrange, is_date
 from flinders.apps.fleet.results import (
     LISTS,
     NAMES,
-    UNNAMED,
+    UNNAMED_UNIT,
     lists,
     named_rows,
     needs_arrow,
@@ -154,7 +154,7 @@ def _order_rows(table: Any, line: NDArray[np.intp], units: int) -> tuple[NDArray
     recording, tables = table.column("recording"), table.column(TABLE).to_numpy()
     for unit, begin, end in zip(odd.tolist(), begins.tolist(), ends.tolist(), strict=True):
         names = texts(recording.slice(begin, end - begin))
-        order = arranged(names, start[begin:end], tables[begin:end].tolist())
+        order = arrange(names, start[begin:end], tables[begin:end].tolist())
         places[begin:end] = begin + np.array(order.places)
         date_s[begin:end] = order.date_s
         is_known[unit], is_dated[unit] = order.is_known, order.is_dated
@@ -302,7 +302,7 @@ BATCH_COLUMN: Final = "batch"
 """Default column of the hardware batch, unless it is empty."""
 PREFIX: Final = re.compile(r"^(.+)[-_:/.][^-_:/.]+$")
 """All but the last part of a unit's name: the hardware batch, if there is no column."""
-MOST: Final = 2_000
+MAX_BATCHES: Final = 2_000
 """Largest number of hardware batches; with more, none is assumed."""
 
 
@@ -350,7 +350,7 @@ class BatchRule:
 
     def are_useful(self, names: Collection[str], rows: int) -> bool:
         """Whether these batches, of `rows` rows in all, are shown: not too many, and not a poor guess."""
-        return any(names) and len(names) <= MOST and (not self.is_guess or 2 <= len(names) <= rows / 4)
+        return any(names) and len(names) <= MAX_BATCHES and (not self.is_guess or 2 <= len(names) <= rows / 4)
 
 
 def batch_rule(paths: Paths, text: str | None) -> BatchRule:
@@ -369,7 +369,7 @@ def batch_rule(paths: Paths, text: str | None) -> BatchRule:
             raise UsageError(f"batch {text!r}: that column is empty in all rows; {_advice(columns)}")
         return BatchRule(column=text)
     batches = BatchRule(pattern=pattern_of(text, columns))
-    if not any(batches.of_name(unit) for unit in _cells(paths, "unit") if not UNNAMED.search(unit)):
+    if not any(batches.of_name(unit) for unit in _cells(paths, "unit") if not UNNAMED_UNIT.search(unit)):
         raise UsageError(
             f"batch {text!r} is no column of the table, and as a regular expression matches no name of a unit; "
             f"{_advice(columns)}"

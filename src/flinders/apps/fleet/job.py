@@ -21,20 +21,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flinders.apps.fleet import worker
-from flinders.apps.fleet.alerts import Alert, about_files, alerts_of
+from flinders.apps.fleet.alerts import Alert, alerts_of, file_alerts
 from flinders.apps.fleet.checkpoint import TABLE, Checkpoint, files_begun
-from flinders.apps.fleet.growth import ChangedFile, ReadFiles, VanishedFile, rows_about
+from flinders.apps.fleet.growth import ChangedFile, ReadFiles, VanishedFile, fault_rows
 from flinders.apps.fleet.merging import TableRows, merge, table_counts
 from flinders.apps.fleet.not_good import NotGood, first_of, not_good
 from flinders.apps.fleet.plan import plan_of
 from flinders.apps.fleet.progress import Progress, log_event
 from flinders.apps.fleet.results import UnitResults, needs_arrow
 from flinders.apps.fleet.scheduler import Abandoned, begin_processes, map_units, reach
-from flinders.apps.fleet.storage import StoredFile, exists, fetched, is_remote, put, refuse_object
+from flinders.apps.fleet.storage import StoredFile, exists, fetch, is_remote, put, refuse_object
 from flinders.apps.fleet.tables import is_csv, record_table, refuse_ending, write_csv
 from flinders.core.files import refuse_existing
 from flinders.errors import OutputError, UsageError
-from flinders.findings.row import OF_A_TUMBLE
+from flinders.findings.row import TUMBLE_ASSUMPTIONS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -98,7 +98,7 @@ def run(
     Parameters
     ----------
     where : str
-        A folder, a pattern, a file or a URL, as for `flinders.apps.fleet.storage.listed`.
+        A folder, a pattern, a file or a URL, as for `flinders.apps.fleet.storage.list_files`.
     out : str, path or Outputs
         The Parquet or CSV file to write, or the URL of an object.
     workers, scheduler
@@ -117,7 +117,7 @@ def run(
     begun = time.monotonic()
     outputs = out if isinstance(out, Outputs) else Outputs(os.fspath(out))
     progress = Progress(watch, notice)
-    with progress.ending(), contextlib.ExitStack() as ending:
+    with progress.log_ending(), contextlib.ExitStack() as ending:
         _prepare(outputs, options, scheduler, append=append, force=force)
         found = _stamp(outputs.table)
         if scheduler is None and workers != 0:
@@ -130,9 +130,9 @@ def run(
             raise OutputError(f"{outputs.table}: another run has written this table since this run began: run it again")
         if earlier is not None:
             earlier.rows.read_ahead()
-        files = checkpoint.finished()
+        files = checkpoint.finished_files()
         resumed = len(files)
-        progress.planned(plan, checkpoint, set(files), input=where, output=outputs.table)
+        progress.log_plan(plan, checkpoint, set(files), input=where, output=outputs.table)
         over = partial(_map, progress=progress, workers=workers, scheduler=scheduler)
         parts = _calibrate(plan, files, checkpoint, options, over, progress)
         alerts = _alerts(earlier, parts, plan, options) if earlier else []
@@ -157,7 +157,7 @@ def run(
         retried=len(progress.retried),
         seconds=time.monotonic() - begun,
     )
-    log_event("done", **summary.logged, unread=progress.unread)
+    log_event("done", **summary.log_fields, unread=progress.unread)
     return summary
 
 
@@ -197,7 +197,7 @@ def _open_earlier(table: str, options: Options) -> Iterator[_Earlier | None]:
     if not exists(table):
         yield None
         return
-    with fetched(StoredFile(table, table, 0)) as path:
+    with fetch(StoredFile(table, table, 0)) as path:
         read = ReadFiles.of_table(path)
         read.refuse_other_options(options, table)
         yield _Earlier(TableRows(path), read)
@@ -211,7 +211,7 @@ def _make_plan(where: str, outputs: Outputs, options: Options, earlier: _Earlier
 
 def _alerts(earlier: _Earlier, parts: Sequence[Path], plan: Plan, options: Options) -> list[Alert]:
     """Alerts about new rows, compared with earlier rows of their units, and about changed or vanished files."""
-    new = UnitResults.joined(UnitResults.from_bytes(path.read_bytes()) for path in parts)
+    new = UnitResults.join(UnitResults.from_bytes(path.read_bytes()) for path in parts)
     known_units = set(earlier.rows.units())
     told = [
         place
@@ -222,9 +222,9 @@ def _alerts(earlier: _Earlier, parts: Sequence[Path], plan: Plan, options: Optio
     again = known_units & {row.unit for row in rows}
     known = UnitResults.from_arrow(earlier.rows.of_units(again)) if again else UnitResults.of(())
     before = [known.row(place) for place in range(len(known))]
-    said = earlier.rows.about_files()
+    said = earlier.rows.file_rows()
     news = [(name, error) for name, error in plan.faults.items() if (f"({name})", error.code) not in said]
-    return [*alerts_of(rows, before, target_deg=options.target_deg), *about_files(news)]
+    return [*alerts_of(rows, before, target_deg=options.target_deg), *file_alerts(news)]
 
 
 def _write_table(
@@ -236,7 +236,7 @@ def _write_table(
     properties: Properties | None,
 ) -> dict[str, Any]:
     """Merge all rows into the table, and write the table of units that are not good; return counts for the summary."""
-    about_files = rows_about(plan.faults).to_bytes()
+    about_files = fault_rows(plan.faults).to_bytes()
     sources: list[Path | bytes | TableRows] = [*([earlier.rows] if earlier else []), *parts, about_files]
     is_direct = not is_remote(outputs.table) and not is_csv(outputs.table)
     table = Path(outputs.table) if is_direct else checkpoint.folder / TABLE
@@ -273,9 +273,9 @@ def _map(
     """Calibrate partitions, or the parts of a `whole` one, and log workers that die."""
 
     def log_death(death: WorkerDeath) -> None:
-        progress.died(death, None if death.place is None else partitions[death.place], whole)
+        progress.log_death(death, None if death.place is None else partitions[death.place], whole)
 
-    return map_units(do, partitions, workers=workers, scheduler=scheduler, notice=progress.waits, died=log_death)
+    return map_units(do, partitions, workers=workers, scheduler=scheduler, notice=progress.log_wait, died=log_death)
 
 
 def _calibrate(
@@ -286,7 +286,7 @@ def _calibrate(
     missing = [place for place in range(len(plan.partitions)) if place not in files]
     for place, content, was_lost in _results(plan, missing, do, over):
         files[place] = checkpoint.commit(place, content)
-        progress.committed(place, plan.partitions[place], content, was_lost=was_lost)
+        progress.log_partition(place, plan.partitions[place], content, was_lost=was_lost)
     return [files[place] for place in range(len(plan.partitions))]
 
 
@@ -311,13 +311,13 @@ def _results(
 def _file_by_file(partition: Partition, attempts: int, do: Callable[[Partition], bytes], over: Map) -> bytes:
     """Rows of a partition whose workers died, file by file; only the rows of the fatal file are lost."""
     parts = partition.split()
-    rows = [] if parts else [UnitResults.of(worker.lost(partition, attempts))]
+    rows = [] if parts else [UnitResults.of(worker.lost_rows(partition, attempts))]
     for place, result in over(do, parts, whole=partition):
         if isinstance(result, Abandoned):
-            rows.append(UnitResults.of(worker.lost(parts[place], result.attempts)))
+            rows.append(UnitResults.of(worker.lost_rows(parts[place], result.attempts)))
         else:
             rows.append(UnitResults.from_bytes(result))
-    return UnitResults.joined(rows).sorted().to_bytes()
+    return UnitResults.join(rows).sorted().to_bytes()
 
 
 @dataclass(frozen=True, slots=True)
@@ -356,7 +356,7 @@ class RunSummary:
         return not (self.alerts if self.is_extended else self.codes)
 
     @property
-    def logged(self) -> dict[str, Any]:
+    def log_fields(self) -> dict[str, Any]:
         """Fields of the last event of a run."""
         names = ("output", "units", "rows", "readings", "verdicts", "codes", "workers_lost", "retried")
         more = {"alerts": len(self.alerts), "seconds": round(self.seconds, 3)}
@@ -367,7 +367,9 @@ class RunSummary:
         fields = {name: getattr(self, name) for name in self.__slots__}
         fields |= {name: [row.as_dict() for row in fields[name]] for name in ("not_good", "alerts")}
         # conditions that a good or limited verdict assumes
-        fields["conditions"] = list(OF_A_TUMBLE) if self.verdicts.get("good") or self.verdicts.get("limited") else []
+        fields["conditions"] = (
+            list(TUMBLE_ASSUMPTIONS) if self.verdicts.get("good") or self.verdicts.get("limited") else []
+        )
         # units calibrated in a second
         fields["units_per_s"] = self.units / self.seconds if self.seconds else None
         return fields

@@ -51,7 +51,7 @@ class KeyColumns:
         >>> keys.pair, keys.columns
         (('7', '2026-11-21'), ('lot',))
         """
-        values = in_path(name)
+        values = values_in_path(name)
         unit = _key(values, columns, options.unit_column, UNIT_COLUMNS, name)
         if unit is None:
             return None
@@ -117,10 +117,10 @@ def _refuse_column(name: str, schema: Any, column: str) -> None:  # noqa: ANN401
         )
 
 
-def in_path(name: str) -> dict[str, str]:
+def values_in_path(name: str) -> dict[str, str]:
     """Values in the folders of a path in the notation of Hive; null is the empty text.
 
-    >>> in_path("unit=A%2017/date=__HIVE_DEFAULT_PARTITION__/part-0.parquet")
+    >>> values_in_path("unit=A%2017/date=__HIVE_DEFAULT_PARTITION__/part-0.parquet")
     {'unit': 'A 17', 'date': ''}
     """
     parts = (part.split("=", 1) for part in PurePosixPath(name).parts[:-1] if "=" in part)
@@ -134,7 +134,7 @@ def batch_in(name: str, options: Options) -> str:
     >>> batch_in("batch=2026-04/A17/monday.csv", Options())
     '2026-04'
     """
-    values = in_path(name)
+    values = values_in_path(name)
     wanted = BATCH_COLUMNS if options.batch_column is None else (options.batch_column,)
     return next((values[each] for each in wanted if each in values), "")
 

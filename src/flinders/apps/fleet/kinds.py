@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 from flinders.apps.fleet.names import CSV, TABLES, header_of
 from flinders.apps.fleet.storage import is_remote
-from flinders.apps.fleet.storage import opened as stored
+from flinders.apps.fleet.storage import open_stored as stored
 from flinders.apps.fleet.tables import is_csv_of_fleet
 from flinders.errors import FlindersError
 from flinders.readers import registry

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, TextIO, TypeAlias, cast
 
 import numpy as np
 
-from flinders.apps.fleet.growth import ABOUT_FILES, FILES
+from flinders.apps.fleet.growth import FILE_CODES, FILES
 from flinders.apps.fleet.properties import Properties, with_columns
 from flinders.apps.fleet.results import (
     KEY,
@@ -29,7 +29,7 @@ from flinders.apps.fleet.results import (
     strings,
     texts,
 )
-from flinders.core.files import replacing
+from flinders.core.files import open_atomically
 
 if TYPE_CHECKING:
     import os
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
     RowKey: TypeAlias = tuple[str, str, float]  # cells of `KEY`
 
-GROUP: Final = 65_536
+GROUP_ROWS: Final = 65_536
 """Rows in a row group of the table."""
 COMPRESSION_LEVEL: Final = 3
 """Compression level of Zstandard; all settings of the writer are fixed, so that equal rows give equal bytes."""
@@ -89,7 +89,7 @@ def merge(
     if properties is None:
         names = dict.fromkeys(name for source in sources for name in source.added)
         properties = Properties(tuple(names))
-    with replacing(out, force=True) as file:
+    with open_atomically(out, force=True) as file:
         _write(_groups(sources, properties), cast("TextIO", file).buffer, properties, files)
         for source in sources:
             source.close()  # Windows replaces no file that is open
@@ -108,7 +108,7 @@ def _write(groups: Iterator[Any], file: Any, properties: Properties, files: Read
     }
     with parquet.ParquetWriter(file, schema(properties.names), **options) as writer:
         for group in groups:
-            writer.write_table(group, row_group_size=GROUP)
+            writer.write_table(group, row_group_size=GROUP_ROWS)
         if files is not None:
             writer.add_key_value_metadata({FILES: files.dumps()})
 
@@ -119,14 +119,14 @@ def _groups(sources: Sequence[Rows], properties: Properties) -> Iterator[Any]:
     for rows in _order(sources):
         waiting.append(rows)
         count += len(rows)
-        if count >= GROUP:
+        if count >= GROUP_ROWS:
             every = np.concatenate(waiting)
-            whole = count - count % GROUP
-            for first in range(0, whole, GROUP):
-                yield properties.joined(_gather(sources, every[first : first + GROUP], properties.names))
+            whole = count - count % GROUP_ROWS
+            for first in range(0, whole, GROUP_ROWS):
+                yield properties.join(_gather(sources, every[first : first + GROUP_ROWS], properties.names))
             waiting, count = [every[whole:]], count - whole
     if count:
-        yield properties.joined(_gather(sources, np.concatenate(waiting), properties.names))
+        yield properties.join(_gather(sources, np.concatenate(waiting), properties.names))
 
 
 def _order(sources: Sequence[Rows]) -> Iterator[NDArray[np.int64]]:
@@ -136,7 +136,7 @@ def _order(sources: Sequence[Rows]) -> Iterator[NDArray[np.int64]]:
     for place, source in enumerate(sources):
         if isinstance(source, TableRows):
             yield from _merge_into(place, source, rows)
-    while some := [(place, row) for _, place, row in islice(rows, GROUP)]:
+    while some := [(place, row) for _, place, row in islice(rows, GROUP_ROWS)]:
         yield np.array(some)
 
 
@@ -235,7 +235,7 @@ class TableRows:
         """Yield the keys of each row group, without rows about files."""
         for group, end in enumerate(self._ends.tolist()):
             table = self._group(group)
-            is_about = _is_in(table.column("code"), ABOUT_FILES)
+            is_about = _is_in(table.column("code"), FILE_CODES)
             rows = np.arange(end - len(table), end)[~flags(is_about)]
             yield _KeyGroup(rows, table if len(rows) == len(table) else table.filter(_invert(is_about)))
 
@@ -258,7 +258,7 @@ class TableRows:
         numbers = [np.empty(0, dtype=np.int64)]
         for group, end in enumerate(self._ends.tolist()):
             table = self._group(group)
-            is_about = _is_in(table.column("code"), ABOUT_FILES)
+            is_about = _is_in(table.column("code"), FILE_CODES)
             places = np.flatnonzero(flags(_is_in(table.column("unit"), list(units))) & ~flags(is_about))
             numbers.append(places + (end - len(table)))
         return self.take(np.concatenate(numbers))
@@ -267,10 +267,10 @@ class TableRows:
         """Unit of each row."""
         return texts(self._columns("unit").column("unit"))
 
-    def about_files(self) -> set[tuple[str, str]]:
+    def file_rows(self) -> set[tuple[str, str]]:
         """Unit and code of the rows about files."""
         table = self._columns("unit", "code")
-        table = table.filter(_is_in(table.column("code"), ABOUT_FILES))
+        table = table.filter(_is_in(table.column("code"), FILE_CODES))
         return set(zip(texts(table.column("unit")), texts(table.column("code")), strict=True))
 
     def close(self) -> None:
@@ -347,7 +347,7 @@ def table_counts(path: str | os.PathLike[str]) -> dict[str, Any]:
     with parquet.ParquetFile(path, page_checksum_verification=True) as file:
         for every in file.iter_batches(columns=["unit", "readings", "worst_deg", *COUNT_NAMES]):
             counters["code"].update(_value_counts(every.column("code")))
-            batch = every.filter(_invert(_is_in(every.column("code"), ABOUT_FILES)))
+            batch = every.filter(_invert(_is_in(every.column("code"), FILE_CODES)))
             for name in ("verdict", "findings", "unit_of_field"):
                 counters[name].update(_value_counts(batch.column(name)))
             errors.append(_heading_errors(batch))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from flinders.core.axes import Axes
 from flinders.core.units import COUNTS, Unit
-from flinders.readers._asked_columns import asked_columns
+from flinders.readers._asked_columns import parse_columns
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,4 +43,4 @@ class Options:
             Unit.of(COUNTS if self.unit is None else self.unit, self.scale)
         Axes.of(self.axes)
         if self.columns is not None:
-            asked_columns(self.columns)
+            parse_columns(self.columns)

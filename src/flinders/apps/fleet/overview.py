@@ -2,14 +2,14 @@
 
 Counts add, so that a table of any length is read in parts:
 
->>> whole = Histogram.over(0.01, 100.0, 40).counted([0.2, 0.3, 5.0])
->>> parts = Histogram.over(0.01, 100.0, 40).counted([0.2]) + Histogram.over(0.01, 100.0, 40).counted([0.3, 5.0])
+>>> whole = Histogram.over(0.01, 100.0, 40).with_numbers([0.2, 0.3, 5.0])
+>>> parts = Histogram.over(0.01, 100.0, 40).with_numbers([0.2]) + Histogram.over(0.01, 100.0, 40).with_numbers([0.3, 5.0])
 >>> whole.counts == parts.counts, whole.total
 (True, 3)
 
 A batch stands out if its share of rows without a good verdict is significantly larger than that of the others:
 
->>> standing_out({"A": {"good": 950, "refused": 50}, "B": {"good": 60, "refused": 40}})
+>>> outlying_batches({"A": {"good": 950, "refused": 50}, "B": {"good": 60, "refused": 40}})
 {'B': True}
 """
 
@@ -63,7 +63,7 @@ class Histogram:
         """Number of numbers that were counted."""
         return sum(self.counts)
 
-    def counted(self, numbers: ArrayLike) -> Self:
+    def with_numbers(self, numbers: ArrayLike) -> Self:
         """Histogram with more numbers counted; NaN and infinity are left out."""
         values = np.asarray(numbers, float)
         values = values[np.isfinite(values)].clip(self.low, self.high)
@@ -78,7 +78,7 @@ class Histogram:
     def quantile(self, share: float) -> float:
         """Quantile: the number below which this share of all lies, to the width of a class; NaN without numbers.
 
-        >>> round(Histogram.over(1.0, 100.0, 200).counted(np.linspace(1.0, 99.0, 981)).quantile(0.5))
+        >>> round(Histogram.over(1.0, 100.0, 200).with_numbers(np.linspace(1.0, 99.0, 981)).quantile(0.5))
         50
         """
         if not self.total:
@@ -190,7 +190,7 @@ class BatchDrift:
     stands_out: tuple[str, ...]  # kinds that are significantly frequent: "changes", "steps", "verdicts" not good
 
     @property
-    def changed(self) -> int:
+    def changed_units(self) -> int:
         """Number of units that changed by more than chance explains."""
         return self.states.get("recalibrate", 0) + self.states.get("changed", 0)
 
@@ -249,7 +249,7 @@ FALSE_ALARM_PROBABILITY: Final = 0.01
 """Probability that any batch stands out by chance."""
 
 
-def standing_out(batches: Mapping[str, Mapping[str, int]]) -> dict[str, bool]:
+def outlying_batches(batches: Mapping[str, Mapping[str, int]]) -> dict[str, bool]:
     """Batches whose share without a good verdict is significantly larger than that of all others.
 
     One-sided Fisher's exact test of two shares, at `FALSE_ALARM_PROBABILITY` over the number of batches.

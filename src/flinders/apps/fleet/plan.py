@@ -32,14 +32,14 @@ from typing import TYPE_CHECKING, Final, TypeVar
 
 import numpy as np
 
-from flinders.apps.fleet.dataset import extents_of, opened, units_of
+from flinders.apps.fleet.dataset import extents_of, open_table_file, units_of
 from flinders.apps.fleet.growth import ReadFiles
-from flinders.apps.fleet.keys import KeyColumns, in_path
+from flinders.apps.fleet.keys import KeyColumns, values_in_path
 from flinders.apps.fleet.kinds import TABLES_OF_FLEETS, is_csv_of_units, is_readable, own_kind
 from flinders.apps.fleet.names import BATCH_COLUMNS, TABLES
 from flinders.apps.fleet.results import SIGN, VERSION
-from flinders.apps.fleet.storage import MAGIC, StoredFile, listed
-from flinders.errors import FlindersError, UnreadableInput, UsageError, counted
+from flinders.apps.fleet.storage import WILDCARD, StoredFile, list_files
+from flinders.errors import FlindersError, UnreadableInput, UsageError, count_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -50,13 +50,13 @@ if TYPE_CHECKING:
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
 
-LARGEST: Final = 1_000_000
+MAX_ROWS: Final = 1_000_000
 """Largest number of rows of a partition: 64 MB of memory with times and intermediate results."""
 MIN_ROWS: Final = 400_000
 """Rows below which small files share a partition, as a partition costs a few milliseconds."""
 MAX_SLICES: Final = 64
 """Largest number of files in a partition."""
-LEAST_PARTITIONS: Final = 64
+MIN_PARTITIONS: Final = 64
 """Number of partitions to aim for in a small job, so that all workers have work."""
 SHORT_ROWS: Final = 100_000
 """Rows that take a worker 0.1 s: partitions of tables are not smaller, if there are `FEW_PARTITIONS` of them."""
@@ -66,11 +66,11 @@ FEW_PARTITIONS: Final = 16
 """Number of partitions below which partitions may take less than 0.1 s."""
 LOG_BYTES: Final = 1 << 24
 """Largest number of bytes of log files in a partition."""
-LOOKS: Final = 32
+MAX_OPEN_FILES: Final = 32
 """Files that are opened in parallel, since most of the time is spent waiting for a store."""
 BATCHES: Final = tuple([column] for column in BATCH_COLUMNS)
 """Names of folders with the hardware batch."""
-MAX_SUBMITTED_FILES: Final = 8 * LOOKS
+MAX_SUBMITTED_FILES: Final = 8 * MAX_OPEN_FILES
 """Largest number of files that are submitted at a time, which bounds the memory."""
 
 
@@ -96,7 +96,7 @@ def open_as_planned(part: FileSlice, options: Options) -> Iterator[TableFile]:
     """Open the file of a slice; one that could not be opened while planning raises that error."""
     if part.error is not None:
         raise part.error
-    with opened(part.file, options) as file:
+    with open_table_file(part.file, options) as file:
         yield file
 
 
@@ -172,14 +172,14 @@ def plan_of(where: str, options: Options, *, earlier: ReadFiles | None = None, b
     begun : collection of str
         Files of a stopped run; if all of them are there, only these are read.
     """
-    files = listed(where)
-    new, faults = (files, {}) if earlier is None else earlier.news(files)
+    files = list_files(where)
+    new, faults = (files, {}) if earlier is None else earlier.find_changes(files)
     if earlier is not None:
         _refuse_other_input(where, earlier, files)
     names = set(begun)
     resumed = [file for file in new if file.name in names]
     chosen = resumed if resumed and len(resumed) == len(begun) else new
-    taken = [file for file in chosen if not file.kind and (MAGIC.search(where) or is_readable(file.name))]
+    taken = [file for file in chosen if not file.kind and (WILDCARD.search(where) or is_readable(file.name))]
     others = set(chosen) - set(taken)
     other_files = Counter(file.kind or PurePosixPath(file.name).suffix or "none" for file in others)
     if not taken and earlier is None:
@@ -191,7 +191,7 @@ def plan_of(where: str, options: Options, *, earlier: ReadFiles | None = None, b
     other_files.update(() if earlier is None else earlier.other_files(files))
     taken = [file for file in taken if file not in own]
     if not taken and earlier is None:
-        wrote = f"{counted(len(own), 'file')} that Flinders wrote"
+        wrote = f"{count_text(len(own), 'file')} that Flinders wrote"
         raise UnreadableInput(f"{where}: no recordings, but {wrote}: give the folder of recordings")
     if taken:
         _refuse_options(where, tables, logs, options)
@@ -217,7 +217,7 @@ def _refuse_other_input(where: str, earlier: ReadFiles, files: Sequence[StoredFi
     """Refuse to extend a table from an input without any of the files that it was made from."""
     if not any(file.name in earlier.files for file in files) and (known := earlier.recordings):
         raise UsageError(
-            f"{where}: none of the {counted(len(known), 'file')} that the table was made from is there, such as "
+            f"{where}: none of the {count_text(len(known), 'file')} that the table was made from is there, such as "
             f"{min(known)}: give the same input, with its new files, or name another table"
         )
 
@@ -261,7 +261,7 @@ def _refuse_batch(where: str, tables: Sequence[_TableSlice], logs: Sequence[File
     slices = [*(table.part for table in tables), *logs]
     if options.batch_column is None or any(table.keys.batch.column for table in tables):
         return
-    if not any(part.error or options.batch_column in in_path(part.file.name) for part in slices):
+    if not any(part.error or options.batch_column in values_in_path(part.file.name) for part in slices):
         raise UsageError(
             f"{where}: no file has a column {options.batch_column} or lies in a folder {options.batch_column}=…: name "
             "another column, or leave that out",
@@ -276,7 +276,7 @@ def _in_threads(function: Callable[[Item], Answer], items: Iterable[Item]) -> It
     [1, 2, 3]
     """
     waiting = iter(items)
-    with ThreadPoolExecutor(LOOKS) as pool:
+    with ThreadPoolExecutor(MAX_OPEN_FILES) as pool:
         while batch := list(islice(waiting, MAX_SUBMITTED_FILES)):
             yield from pool.map(function, batch)
 
@@ -295,7 +295,7 @@ def key_of(name: str) -> tuple[str, str]:
     if len(parts) == 1:
         return parts[0].removesuffix(".gz").rpartition(".")[0] or parts[0], parts[0]
     first, recording = parts[0], "/".join(parts[1:])
-    return next(iter(in_path(f"{first}/{recording}").values()), first) if "=" in first else first, recording
+    return next(iter(values_in_path(f"{first}/{recording}").values()), first) if "=" in first else first, recording
 
 
 def _survey(file: StoredFile, options: Options) -> list[_TableSlice] | FileSlice | str:
@@ -304,7 +304,7 @@ def _survey(file: StoredFile, options: Options) -> list[_TableSlice] | FileSlice
         return own_kind(file) or []
     is_table = False
     try:
-        with opened(file, options) as table:
+        with open_table_file(file, options) as table:
             is_table = True
             if SIGN in (table.schema.metadata or {}):
                 return TABLES_OF_FLEETS
@@ -350,13 +350,13 @@ def _runs_that_fit(items: Iterable[Item], fits: Callable[[list[Item], Item], boo
 
 
 def _ranges(rows: Sequence[int]) -> Iterator[tuple[int, ...]]:
-    """Split row groups into ranges of up to `LARGEST` rows.
+    """Split row groups into ranges of up to `MAX_ROWS` rows.
 
     >>> list(_ranges([600_000, 300_000, 300_000, 2_000_000, 5]))
     [(0, 1), (2,), (3,), (4,)]
     """
     above = np.cumsum([0, *rows])
-    runs = _runs_that_fit(range(len(rows)), lambda run, group: above[group + 1] - above[run[0]] <= LARGEST)
+    runs = _runs_that_fit(range(len(rows)), lambda run, group: above[group + 1] - above[run[0]] <= MAX_ROWS)
     yield from map(tuple, runs)
 
 
@@ -381,7 +381,7 @@ def _tables(tables: Sequence[_TableSlice], options: Options) -> Iterator[Partiti
 
 def _full_size(total: int, short: int) -> int:
     """Rows or bytes at which a partition is full."""
-    return max(total // LEAST_PARTITIONS, min(short, total // FEW_PARTITIONS))
+    return max(total // MIN_PARTITIONS, min(short, total // FEW_PARTITIONS))
 
 
 def _pack(slices: Sequence[FileSlice]) -> Iterator[list[FileSlice]]:
@@ -392,7 +392,7 @@ def _pack(slices: Sequence[FileSlice]) -> Iterator[list[FileSlice]]:
     [3, 16, 20, 40]
     """
     rows = [part.rows for part in slices]
-    return _fill(slices, rows, min(MIN_ROWS, _full_size(sum(rows), SHORT_ROWS)), LARGEST)
+    return _fill(slices, rows, min(MIN_ROWS, _full_size(sum(rows), SHORT_ROWS)), MAX_ROWS)
 
 
 def _fill(slices: Sequence[FileSlice], sizes: Sequence[int], enough: int, largest: int) -> Iterator[list[FileSlice]]:
@@ -420,7 +420,7 @@ def _shared_partitions(
         return Partition(tuple(tables[place].part for place in sorted(places)), only=tuple(sorted(units)))
 
     for own, every in together.items():
-        shares = -(-rows(own) // LARGEST) if len(every) > 1 else 1
+        shares = -(-rows(own) // MAX_ROWS) if len(every) > 1 else 1
         for share in range(shares):
             if units and rows(places | set(own)) > MIN_ROWS:
                 yield partition()
@@ -464,7 +464,7 @@ def _overlapping_slices(tables: Sequence[_TableSlice]) -> Iterator[list[int]]:
 
 def _units(table: _TableSlice, options: Options) -> set[str]:
     """Units of a slice."""
-    with opened(table.part.file, options) as file:
+    with open_table_file(table.part.file, options) as file:
         return units_of(file, table.keys, table.part.groups)
 
 

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from flinders.apps.fleet.merging import total
 from flinders.apps.fleet.results import needs_arrow
-from flinders.core.files import reason, write_all
-from flinders.errors import FlindersError, OutputError, counted
+from flinders.core.files import reason_and_remedy, write_all
+from flinders.errors import FlindersError, OutputError, count_text
 
 if TYPE_CHECKING:
     import os
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 MAX_LISTED: Final = 8
 """Largest number of files of a partition that an event lists; all are counted."""
-UNREAD: Final = 1_000
+MAX_UNREAD: Final = 1_000
 """Largest number of events about unreadable recordings; further ones are only counted."""
 
 ProgressCallback: TypeAlias = Callable[[int, int, int], None]
@@ -49,7 +49,7 @@ class Progress:
     _total: int = 0
     _rows: int = 0
 
-    def planned(self, plan: Plan, checkpoint: Checkpoint, finished: set[int], **fields: object) -> None:
+    def log_plan(self, plan: Plan, checkpoint: Checkpoint, finished: set[int], **fields: object) -> None:
         """Log the plan, and which of its partitions an earlier run has finished."""
         self._checkpoint, self._partitions = checkpoint, len(plan.partitions)
         weights = [partition.weight for partition in plan.partitions]
@@ -58,12 +58,12 @@ class Progress:
         about = {"files": plan.files, "other_files": plan.other_files, "partitions": len(plan.partitions)}
         log_event("planned", **fields, **about, resumed=len(finished))
 
-    def waits(self, words: str) -> None:
+    def log_wait(self, words: str) -> None:
         """Log and report why the run waits."""
         log_event("waiting", message=words)
         self.notice(words)
 
-    def died(self, death: WorkerDeath, partition: Partition | None, whole: Partition | None = None) -> None:
+    def log_death(self, death: WorkerDeath, partition: Partition | None, whole: Partition | None = None) -> None:
         """Log the death of a worker with its partition, which may be a part of a `whole` one."""
         self.workers_lost += 1
         fields: dict[str, Any] = {"worker": death.worker}
@@ -75,7 +75,7 @@ class Progress:
             fields["message"] = "a worker died while it calibrated these files, which are calibrated again"
         log_event("worker-lost", **fields)
 
-    def committed(self, place: int, partition: Partition, content: bytes, *, was_lost: bool) -> None:
+    def log_partition(self, place: int, partition: Partition, content: bytes, *, was_lost: bool) -> None:
         """Log a partition whose rows are written, and move the progress bar."""
         rows = needs_arrow().ipc.open_file(content).read_all()
         if was_lost:
@@ -100,7 +100,7 @@ class Progress:
             self.watch(self._done, self._total, self._rows)
 
     @contextlib.contextmanager
-    def ending(self) -> Iterator[None]:
+    def log_ending(self) -> Iterator[None]:
         """Log the end of a run that does not finish, and report how many of its partitions are finished.
 
         An OutputError is raised again with that number in its message.
@@ -120,7 +120,7 @@ class Progress:
 
     def _log_end(self, error: BaseException, done: str) -> None:
         """Log the last event of a run that does not finish."""
-        state = {"done": self._checkpoint.done if self._checkpoint else 0, "partitions": self._partitions}
+        state = {"done": self._checkpoint.finished_count if self._checkpoint else 0, "partitions": self._partitions}
         if isinstance(error, KeyboardInterrupt | SystemExit):
             log_event("interrupted", message=done or "nothing is kept", **state)
         elif isinstance(error, FlindersError):
@@ -132,23 +132,23 @@ class Progress:
         """Message about the number of finished partitions; a folder without any is removed."""
         if self._checkpoint is None:
             return ""
-        done = self._checkpoint.done
+        done = self._checkpoint.finished_count
         if not done:
             self._checkpoint.remove()
             return ""
-        return f"{done:,} of {counted(self._partitions, 'partition')} are finished and kept: continue the run"
+        return f"{done:,} of {count_text(self._partitions, 'partition')} are finished and kept: continue the run"
 
     def _log_unread(self, rows: Any) -> None:  # noqa: ANN401 - pyarrow ships no types
-        """Log each recording that could not be read, up to `UNREAD` of them."""
+        """Log each recording that could not be read, up to `MAX_UNREAD` of them."""
         from pyarrow import compute
 
         failed = rows.filter(compute.equal(rows.column("verdict"), "failed"))
-        logged = failed.select(["unit", "recording", "code", "message"]).slice(0, max(UNREAD - self.unread, 0))
+        logged = failed.select(["unit", "recording", "code", "message"]).slice(0, max(MAX_UNREAD - self.unread, 0))
         for row in logged.to_pylist():
             log_event("unread", **row)
         before, self.unread = self.unread, self.unread + failed.num_rows
-        if before <= UNREAD < self.unread:
-            log_event("unread-more", message=f"{UNREAD:,} are logged; further ones are counted, and in the table")
+        if before <= MAX_UNREAD < self.unread:
+            log_event("unread-more", message=f"{MAX_UNREAD:,} are logged; further ones are counted, and in the table")
 
 
 def _files_of(partition: Partition) -> dict[str, Any]:
@@ -224,7 +224,7 @@ class _JsonLines(logging.Handler):
 
     def _refusal(self, error: OSError) -> OutputError:
         """Error of a log that cannot be written."""
-        return OutputError(f"{self._path}: the log cannot be written: {reason(error)}")
+        return OutputError(f"{self._path}: the log cannot be written: {reason_and_remedy(error)}")
 
 
 def _is_cut(path: str | os.PathLike[str]) -> bool:

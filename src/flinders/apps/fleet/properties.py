@@ -71,7 +71,7 @@ class Properties:
             name = name.rpartition(" ")[0]
         return known.get(name, ("",) * len(self.names))
 
-    def joined(self, table: Any) -> Any:  # noqa: ANN401 - pyarrow ships no types
+    def join(self, table: Any) -> Any:  # noqa: ANN401 - pyarrow ships no types
         """Arrow table with these properties instead of its own added columns."""
         if self.known is None or not self.names:
             return table

@@ -19,10 +19,10 @@ import numpy as np
 from flinders.apps.fleet.dataset import Interner, KeyedTable, Runs
 from flinders.apps.fleet.plan import open_as_planned
 from flinders.apps.fleet.results import UnitResult
-from flinders.core.joining import concatenated
-from flinders.core.silence import silent
+from flinders.core.joining import concatenate
+from flinders.core.silence import find_silent
 from flinders.errors import UnitError
-from flinders.fitting.batch import Lined
+from flinders.fitting.batch import ConcatenatedRecordings
 
 if TYPE_CHECKING:
     from collections.abc import Container, Hashable, Iterator, Sequence
@@ -61,13 +61,13 @@ class RecordingSet:
     """Readings of several recordings, from one slice or from several."""
 
     pairs: Sequence[Pair]  # unit and recording
-    lined: Lined  # usable readings
+    lined: ConcatenatedRecordings  # usable readings
     rows: NDArray[np.int64]  # (R,) number of rows of each recording, with unusable ones
     start_s: Floats  # (R,) in s, origin of the times of each recording
     file: str = ""  # name of the file; empty for several files
 
     @classmethod
-    def joined(cls, sets: Sequence[RecordingSet]) -> list[RecordingSet]:
+    def join(cls, sets: Sequence[RecordingSet]) -> list[RecordingSet]:
         """Join sets that can be fitted together, as each recording of a larger set costs less time."""
         alike: dict[Hashable, list[RecordingSet]] = defaultdict(list)
         for place, each in enumerate(sets):
@@ -85,7 +85,7 @@ class RecordingSet:
         sources = [source for each in sets for source in each.lined.sources]
         return cls(
             [pair for each in sets for pair in each.pairs],
-            Lined(concatenated(wholes, wholes[0]), ends, sources),
+            ConcatenatedRecordings(concatenate(wholes, wholes[0]), ends, sources),
             np.concatenate([each.rows for each in sets]),
             np.concatenate([each.start_s for each in sets]),
         )
@@ -153,8 +153,8 @@ def read_recordings(table: KeyedTable | KeyedFrame, part: FileSlice, rows: RowFi
         values = [column[order] for column in values]
         runs = Runs(*np.unique(every, return_counts=True))
     ends = np.cumsum(runs.lengths)
-    field = [columns.cells.index(cell) for cell in sorted(columns.needed)]
-    is_silent = silent(columns.readings(values))
+    field = [columns.cells.index(cell) for cell in sorted(columns.needed_cells)]
+    is_silent = find_silent(columns.readings(values))
     with np.errstate(over="ignore", invalid="ignore"):
         is_whole = all(np.isfinite(values[place].sum()) for place in field)  # a sum is finite if all its terms are
     if not is_whole or is_silent.any():
@@ -163,7 +163,9 @@ def read_recordings(table: KeyedTable | KeyedFrame, part: FileSlice, rows: RowFi
     if columns.time is not None:
         values = _sort_by_time(values, ends, values[columns.cells.index(columns.time.cells[0])])
     pairs = [rows.names.pairs[number] for number in runs.numbers.tolist()]
-    lined = Lined(table.samples(values, part.file.name), ends, [" ".join(filter(None, pair)) for pair in pairs])
+    lined = ConcatenatedRecordings(
+        table.samples(values, part.file.name), ends, [" ".join(filter(None, pair)) for pair in pairs]
+    )
     return RecordingSet(pairs, lined, runs.lengths, np.full(len(pairs), table.start_s), part.file.name)
 
 
@@ -183,7 +185,7 @@ def _read(table: KeyedTable | KeyedFrame, part: FileSlice, rows: RowFilter) -> t
     rows.nameless += nameless
     empty = [[np.empty(0)] * len(table.recording.columns.cells)]
     whole = values[0] if len(values) == 1 else [*map(np.concatenate, zip(*(values or empty), strict=True))]
-    return Runs.joined(runs), whole
+    return Runs.join(runs), whole
 
 
 def _sort_by_time(
@@ -220,7 +222,7 @@ def merged_recording(parts: Sequence[Job]) -> Job | UnitResult:
         return UnitResult(unit=pair[0], recording=pair[1], readings=rows).with_error(error)
     start = min(part.start_s for part in parts)
     later = [delay(each, part.start_s - start) for each, part in zip(samples, parts, strict=True)]
-    whole = concatenated(later, later[0])
+    whole = concatenate(later, later[0])
     if whole.time is not None and np.isfinite(whole.time).all() and (np.diff(whole.time) < 0.0).any():
         whole = whole[np.argsort(whole.time, kind="stable").tolist()]
     return Job(*pair, whole, rows, start)

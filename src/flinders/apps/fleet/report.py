@@ -21,11 +21,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.apps.fleet.overview import STATES, count_bad, standing_out
-from flinders.core.units import label
-from flinders.errors import counted, figures, percent
+from flinders.apps.fleet.overview import STATES, count_bad, outlying_batches
+from flinders.core.units import unit_label
+from flinders.errors import count_text, figures, percent
 from flinders.findings import CATALOGUE, action
-from flinders.findings.row import TUMBLE_STATED
+from flinders.findings.row import TUMBLE_CONDITIONS
 from flinders.findings.words import as_sentence
 from flinders.report.charts import Axis, Plot, chart, segment, text
 from flinders.report.formatting import date_of, degrees
@@ -58,7 +58,7 @@ def page(overview: Overview, drift: FleetDrift | None = None) -> str:
     given = {
         "overview": overview,
         "drift": drift,
-        "notes": [] if drift is None else [as_sentence(words) for words in about_order(drift)],
+        "notes": [] if drift is None else [as_sentence(words) for words in order_notes(drift)],
         "fair": FAIR_SHARE,
         "units": None if drift is None else _orders(drift),
         "unit_of_units": "" if drift is None else common_unit(drift.listed),
@@ -66,14 +66,14 @@ def page(overview: Overview, drift: FleetDrift | None = None) -> str:
         "states": STATES,
         "figures": _figures(overview, drift),
         "verdicts": VERDICTS,
-        "condition": TUMBLE_STATED,
+        "condition": TUMBLE_CONDITIONS,
         "changes": CHANGES,
         "most_findings": MAX_FINDINGS,
         "catalogue": CATALOGUE,
         "odd_states": [] if drift is None else _odd_batches(drift)[:10],
-        "odd_batches": sorted(standing_out(overview.batches)),
+        "odd_batches": sorted(outlying_batches(overview.batches)),
         "groups": [
-            (name, batch_rows(counts, ("good",), odd := standing_out(counts)), sorted(odd))
+            (name, batch_rows(counts, ("good",), odd := outlying_batches(counts)), sorted(odd))
             for name, counts in overview.groups.items()
         ],
         "bad": count_bad(overview.verdicts),
@@ -84,7 +84,7 @@ def page(overview: Overview, drift: FleetDrift | None = None) -> str:
     return html_file("apps/fleet/fleet.html.j2", given, style=style, script=script_of(), filters=FILTERS)
 
 
-def when(seconds: float) -> str:
+def format_day(seconds: float) -> str:
     """Day of a time since 1970; a dash for NaN."""
     if not math.isfinite(seconds):
         return "–"
@@ -105,27 +105,27 @@ def chance(p_value: float) -> str:
 
 def common_unit(rows: Sequence[UnitDrift | UnitStep | UnitWalk]) -> str:
     """The common unit of field of all rows, for the heading of a table; empty if units differ."""
-    units = {label(row.unit_of_field) for row in rows}
+    units = {unit_label(row.unit_of_field) for row in rows}
     return units.pop() if len(units) == 1 else ""
 
 
-def about_order(drift: FleetDrift) -> list[str]:
+def order_notes(drift: FleetDrift) -> list[str]:
     """Sentences about units without dates or without an order, and about duplicate rows."""
     remarks = []
     if drift.undated.units:
         remarks.append(
-            f"no dates are known of {counted(drift.undated.units, 'unit')}: recordings are ordered by name, drift is "
+            f"no dates are known of {count_text(drift.undated.units, 'unit')}: recordings are ordered by name, drift is "
             "given per recording, and a step may be drift over a long time"
         )
     if count := drift.states["unordered"]:
         some = ", ".join(drift.unordered[:5]) + (" and others" if count > 5 else "")
         remarks.append(
-            f"the order of recordings is not known of {counted(count, 'unit')} ({some}), which are not compared: put "
+            f"the order of recordings is not known of {count_text(count, 'unit')} ({some}), which are not compared: put "
             "dates into the names of recordings"
         )
     if drift.duplicates:
         remarks.append(
-            f"{counted(drift.duplicates, 'row')} skipped: their recordings also stand in a later table, or further "
+            f"{count_text(drift.duplicates, 'row')} skipped: their recordings also stand in a later table, or further "
             "down, and count once"
         )
     return remarks
@@ -150,7 +150,7 @@ def _odd_batches(drift: FleetDrift) -> list[BatchDrift]:
 def _figures(overview: Overview, drift: FleetDrift | None) -> dict[str, Any]:
     """Figures, and rows of the maps of batches, by name; None for a figure without data."""
     shown: dict[str, Any] = {
-        "batches": batch_rows(overview.batches, ("good",), standing_out(overview.batches)),
+        "batches": batch_rows(overview.batches, ("good",), outlying_batches(overview.batches)),
         "change": None,
         "batch_states": None,
         "distributions": _distributions(overview),
@@ -166,7 +166,8 @@ def _figures(overview: Overview, drift: FleetDrift | None) -> dict[str, Any]:
 def _distributions(overview: Overview) -> list[tuple[str, str, str]]:
     """Title, summary and figure of each distribution."""
     fields = [
-        (f"Field strength, {label(unit)}", counts, label(unit), "", None) for unit, counts in overview.field.items()
+        (f"Field strength, {unit_label(unit)}", counts, unit_label(unit), "", None)
+        for unit, counts in overview.field.items()
     ]
     listed = [
         ("Worst heading error", overview.heading_deg, "degrees, 1 σ", "°", overview.target_deg),
@@ -300,7 +301,7 @@ def quantile_words(histogram: Histogram, unit: str) -> str:
 
 
 FILTERS: Final = {
-    "counted": counted, "figures": figures, "degrees": degrees, "day": when, "share": _share, "label": label,
+    "counted": count_text, "figures": figures, "degrees": degrees, "day": format_day, "share": _share, "label": unit_label,
     "chance": chance, "percent": percent, "shares": shares, "listed": listed_counts, "action": action,
 }  # fmt: skip
 """Filters of the page's template."""

@@ -28,10 +28,10 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from flinders.core.files import reason
+from flinders.core.files import reason_and_remedy
 from flinders.errors import DocumentError
 from flinders.fitting.batch import WIDTHS, FitColumns, fill_row
-from flinders.foreign_errors import needs
+from flinders.foreign_errors import import_optional
 
 if TYPE_CHECKING:
     import os
@@ -51,7 +51,7 @@ SIGN: Final = b"flinders.apps.fleet"
 MAX_MESSAGE_LENGTH: Final = 500
 """Largest number of characters of a message."""
 
-UNNAMED: Final = re.compile(r"^(\(.*\))?$", re.DOTALL)
+UNNAMED_UNIT: Final = re.compile(r"^(\(.*\))?$", re.DOTALL)
 """Pattern of unit names in rows about readings without a unit or about unreadable files."""
 
 
@@ -146,7 +146,7 @@ class UnitResults(FitColumns):
         return cls(**{name: _column(name, [getattr(row, name) for row in rows]) for name in NAMES})
 
     @classmethod
-    def joined(cls, parts: Iterable[UnitResults]) -> Self:
+    def join(cls, parts: Iterable[UnitResults]) -> Self:
         """Concatenate tables."""
         tables = list(parts)
         if not tables:
@@ -239,8 +239,8 @@ VERDICTS: Final = ("good", "limited", "refused", "failed")
 @cache
 def needs_arrow() -> Any:  # noqa: ANN401
     """Import pyarrow, which writes the table of a fleet; raises MissingExtra."""
-    needs("pyarrow.ipc", "fleet", "the table of a fleet")
-    return needs("pyarrow", "fleet", "the table of a fleet")
+    import_optional("pyarrow.ipc", "fleet", "the table of a fleet")
+    return import_optional("pyarrow", "fleet", "the table of a fleet")
 
 
 @contextlib.contextmanager
@@ -252,7 +252,7 @@ def reading_table(path: str | os.PathLike[str]) -> Iterator[None]:
         yield
     except (OSError, ArrowException) as error:
         is_of_system = isinstance(error, OSError) and error.errno is not None
-        why = f": {reason(error)}" if is_of_system else f" ({error}): need a table of `flinders fleet`"
+        why = f": {reason_and_remedy(error)}" if is_of_system else f" ({error}): need a table of `flinders fleet`"
         raise DocumentError(f"{path}: cannot be read as a table of a fleet{why}") from None
 
 
@@ -407,7 +407,7 @@ def named_rows(table: Any) -> Any:  # noqa: ANN401
     from pyarrow import array
 
     units = texts(table.column("unit"))
-    unnamed = {unit for unit in set(units) if UNNAMED.search(unit)}
+    unnamed = {unit for unit in set(units) if UNNAMED_UNIT.search(unit)}
     if not unnamed:
         return table
     verdicts = texts(table.column("verdict"))

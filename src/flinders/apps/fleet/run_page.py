@@ -10,9 +10,9 @@ from rich.table import Column
 from rich.text import Text
 
 from flinders.apps.fleet.merging import common_findings
-from flinders.errors import counted, figures, percent
-from flinders.findings.row import TUMBLE_STATED
-from flinders.report.terminal import COLOURS, facts, page, styled, table
+from flinders.errors import count_text, figures, percent
+from flinders.findings.row import TUMBLE_CONDITIONS
+from flinders.report.terminal import COLOURS, facts, page, style_cells, table
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -49,8 +49,12 @@ def of_run(summary: RunSummary, listed_in: str) -> RenderableType:
 
 def _read(summary: RunSummary) -> str:
     """Numbers of files, units, recordings and readings."""
-    content = (counted(summary.units, "unit"), counted(summary.rows, "recording"), counted(summary.readings, "reading"))
-    files = counted(summary.files, "new file" if summary.is_extended else "file")
+    content = (
+        count_text(summary.units, "unit"),
+        count_text(summary.rows, "recording"),
+        count_text(summary.readings, "reading"),
+    )
+    files = count_text(summary.files, "new file" if summary.is_extended else "file")
     return f"{files}{'; in the table' if summary.is_extended else ''}: {', '.join(content)}"
 
 
@@ -69,12 +73,12 @@ def _run_list(summary: RunSummary, listed_in: str) -> RenderableType:
     if summary.is_extended and not summary.alerts:
         return "nothing crossed a limit since the last run"
     if summary.is_extended:
-        return listed("since the last run", summary.alerts, len(summary.alerts), listed_in)
+        return cause_list("since the last run", summary.alerts, len(summary.alerts), listed_in)
     bad = sum(summary.verdicts.values()) - summary.verdicts.get("good", 0)
-    return listed("not good", summary.not_good, bad, listed_in)
+    return cause_list("not good", summary.not_good, bad, listed_in)
 
 
-def listed(title: str, every: Sequence[Alert | NotGood], total: int, listed_in: str) -> RenderableType:
+def cause_list(title: str, every: Sequence[Alert | NotGood], total: int, listed_in: str) -> RenderableType:
     """List the first of `total` recordings with the cause of each, then the remedy for each cause.
 
     `listed_in`: the file that lists all of them.
@@ -82,7 +86,7 @@ def listed(title: str, every: Sequence[Alert | NotGood], total: int, listed_in: 
     shown = [(row, row.cause or getattr(row, "alert", "")) for row in every[:MAX_SHOWN]]
     rows = [
         (
-            *styled(COLOURS[row.verdict], row.unit, row.recording, row.verdict),
+            *style_cells(COLOURS[row.verdict], row.unit, row.recording, row.verdict),
             cause,
             _number_and_limit(row.number, row.limit),
         )
@@ -109,7 +113,7 @@ def _remarks(summary: RunSummary) -> list[str]:
         middle, most, largest = (figures(summary.worst_deg[name]) for name in ("median", "p95", "largest"))
         lines.append(f"worst heading error: median {middle}°, 95% below {most}°, largest {largest}° (1 σ)")
     if summary.verdicts.get("good"):
-        lines.append(f"good {TUMBLE_STATED}")
+        lines.append(f"good {TUMBLE_CONDITIONS}")
     if summary.failed_readings:
         lines.append(f"readings of recordings that failed: {summary.failed_readings:,} of {summary.readings:,}")
     if len(summary.units_of_field) > 1:
@@ -125,13 +129,15 @@ def _remarks_on_run(summary: RunSummary) -> list[str]:
     """Lines about files of earlier runs, resumed partitions and lost workers."""
     lines = []
     if summary.files_changed or summary.files_vanished:
-        changed, gone = counted(summary.files_changed, "file"), summary.files_vanished
+        changed, gone = count_text(summary.files_changed, "file"), summary.files_vanished
         lines.append(f"since they were fitted {changed} changed and {gone:,} vanished: the table has a row for each")
     if summary.files_later:
-        lines.append(f"{counted(summary.files_later, 'file')} came since the run that this one finished: run it again")
+        lines.append(
+            f"{count_text(summary.files_later, 'file')} came since the run that this one finished: run it again"
+        )
     if summary.resumed:
-        lines.append(f"{summary.resumed:,} of {counted(summary.partitions, 'partition')} were done before")
+        lines.append(f"{summary.resumed:,} of {count_text(summary.partitions, 'partition')} were done before")
     if summary.workers_lost or summary.retried:
-        again = f"{counted(summary.retried, 'partition')} {'was' if summary.retried == 1 else 'were'} done again"
-        lines.append(f"{counted(summary.workers_lost, 'worker')} died or left; {again}")
+        again = f"{count_text(summary.retried, 'partition')} {'was' if summary.retried == 1 else 'were'} done again"
+        lines.append(f"{count_text(summary.workers_lost, 'worker')} died or left; {again}")
     return lines

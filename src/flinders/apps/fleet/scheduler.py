@@ -39,7 +39,7 @@ NO_WORKER_STARTED: Final = (
     '`if __name__ == "__main__":`, free memory for workers, or use 0 workers to do all work in this process'
 )
 """Message if no worker can be started."""
-PATIENCE_S: Final = 10.0
+TIMEOUT_S: Final = 10.0
 """Seconds within which a scheduler has to answer."""
 RECOUNT_INTERVAL_S: Final = 5.0
 """Seconds after which the workers of a cluster are counted again."""
@@ -263,7 +263,7 @@ def _run_on_cluster(
 def _client(scheduler: str) -> Any:  # noqa: ANN401 - Dask ships no types
     """Connect to a cluster; raises LinkError if it does not answer."""
     try:
-        return _distributed().Client(scheduler, timeout=PATIENCE_S, set_as_default=False)
+        return _distributed().Client(scheduler, timeout=TIMEOUT_S, set_as_default=False)
     except (OSError, ValueError) as error:
         raise LinkError(
             f"no Dask scheduler answers at {scheduler} ({error}): start one with `dask scheduler`"
@@ -285,7 +285,7 @@ def _submit(
     if not present:
         notice(f"{scheduler} has no workers: waiting for one (`dask worker {scheduler}` starts one)")
     for future in done:
-        yield places.pop(future), _of_future(future, scheduler)
+        yield places.pop(future), _future_result(future, scheduler)
         future.release()
         if monotonic() - looked > RECOUNT_INTERVAL_S:
             present, looked = _current_workers(client, present, died), monotonic()
@@ -301,7 +301,7 @@ def _current_workers(client: Any, before: set[str], died: Callable[[WorkerDeath]
     return now
 
 
-def _of_future(future: Any, scheduler: str) -> Any:  # noqa: ANN401
+def _future_result(future: Any, scheduler: str) -> Any:  # noqa: ANN401
     """Result of a Dask future; raises the error of its worker."""
     while future.status == "lost":  # its worker died with the result before it was read
         future.exception()  # waits until another worker has run it again

@@ -27,7 +27,7 @@ import numpy as np
 
 from flinders.core.samples import Samples
 from flinders.errors import UsageError
-from flinders.geometry.sphere import uniform
+from flinders.geometry.sphere import uniform_directions
 from flinders.simulate._checks import count, share
 from flinders.simulate.attitudes import north_and_down, random_attitude, turns
 from flinders.simulate.sensor import Sensor
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 RATE_HZ: Final = 50.0
 READINGS: Final = 500
-BAD: Final = 0.03
+BAD_SHARE: Final = 0.03
 """Share of units with a fault."""
 
 DRIFTING_SHARE: Final = 0.05
@@ -52,8 +52,8 @@ OFFSET_CHANGE_UT: Final = (3.0, 12.0)
 MAX_RECORDINGS: Final = 10
 """Largest number of recordings of a unit: one in each month from March on."""
 
-HARD_UT: Final = 60.0
-SOFT: Final = 0.15
+MAX_HARD_IRON_UT: Final = 60.0
+MAX_SOFT_IRON: Final = 0.15
 NOISE_UT: Final = (0.1, 1.0)
 FIELD_UT: Final = (25.0, 65.0)
 STEP_UT: Final = 0.1
@@ -121,7 +121,7 @@ class Fault:
     strike: Callable[[TurnedSensor, float, Generator], Floats] | None = None
     #: function of an amount and a generator to the (3, 3) matrix of a lasting fault, which multiplies every reading
     lasting: Callable[[float, Generator], Floats] | None = None
-    can_be_told: bool = True  #: False if another good sensor would give the same readings
+    is_detectable: bool = True  #: False if another good sensor would give the same readings
 
     def amount(self, severity: int) -> float:
         """Amount of the fault: the smaller for severity 1, the larger for 2."""
@@ -132,7 +132,7 @@ def unit(
     number: int,
     *,
     seed: int = 0,
-    bad: float = BAD,
+    bad: float = BAD_SHARE,
     readings: int = READINGS,
     fault: str | None = None,
     severity: int = 2,
@@ -186,7 +186,7 @@ def _specimen(number: int, turned: TurnedSensor, readings: Floats) -> Specimen:
 
 
 def fleet(
-    n: int, seed: int = 0, bad: float = BAD, *, readings: int = READINGS, first: int = 0
+    n: int, seed: int = 0, bad: float = BAD_SHARE, *, readings: int = READINGS, first: int = 0
 ) -> Iterator[Specimen]:  # fmt: skip
     """Yield `n` units, numbered from `first` on; other parameters and errors as for `unit`.
 
@@ -214,7 +214,7 @@ def line_of(
     units: int,
     *,
     seed: int = 1,
-    bad: float = BAD,
+    bad: float = BAD_SHARE,
     drifting: float = DRIFTING_SHARE,
     recordings: int = 2,
     readings: int = READINGS,
@@ -243,7 +243,7 @@ def line_of(
         first = unit(number, seed=seed, bad=bad, readings=readings)
         rng = np.random.default_rng([seed, number, 1])
         amount = rng.uniform(*OFFSET_CHANGE_UT) if rng.random() < drifting else 0.0
-        moved = amount * uniform(rng, 1)[0]
+        moved = amount * uniform_directions(rng, 1)[0]
         for visit in range(recordings):
             shift = moved if visit else np.zeros(3)
             samples = first.samples if not visit else _record_again(first, shift, rng, readings)
@@ -311,9 +311,9 @@ def to_earth_axes(body: Floats, angles: Floats) -> Floats:
 
 def _draw_turn(rng: Generator, n: int) -> TurnedSensor:
     """Draw a sensor and its motion at random."""
-    axes = turns(uniform(rng, 1) * rng.uniform(0.0, math.pi))[0]
-    matrix = axes @ np.diag(1.0 + rng.uniform(-SOFT, SOFT, 3)) @ axes.T
-    offset = uniform(rng, 1)[0] * rng.uniform(0.0, HARD_UT)
+    axes = turns(uniform_directions(rng, 1) * rng.uniform(0.0, math.pi))[0]
+    matrix = axes @ np.diag(1.0 + rng.uniform(-MAX_SOFT_IRON, MAX_SOFT_IRON, 3)) @ axes.T
+    offset = uniform_directions(rng, 1)[0] * rng.uniform(0.0, MAX_HARD_IRON_UT)
     noise = math.exp(rng.uniform(*np.log(NOISE_UT)))
     strength = rng.uniform(*FIELD_UT)
     time = np.arange(n) / RATE_HZ
@@ -381,7 +381,7 @@ def _saturate(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
 
 def _jump(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
     """(N, 3) readings with a sudden change of the offset."""
-    share_before, direction = rng.uniform(0.2, 0.8), uniform(rng, 1)
+    share_before, direction = rng.uniform(0.2, 0.8), uniform_directions(rng, 1)
     after = np.arange(len(turned.time)) >= share_before * len(turned.time)
     return turned.read(shift=amount * after[:, np.newaxis] * direction)
 
@@ -389,9 +389,9 @@ def _jump(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
 def _pass_magnet(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
     """(N, 3) readings while a magnet is carried past in a straight line."""
     across, along, _ = random_attitude(rng)
-    pole = uniform(rng, 1)[0]
+    pole = uniform_directions(rng, 1)[0]
     passed = PAST_M_S * (turned.time - rng.uniform(0.3, 0.7) * turned.time[-1])
-    arm = to_earth_axes(ARM_M * uniform(rng, 1).T, turned.angles)
+    arm = to_earth_axes(ARM_M * uniform_directions(rng, 1).T, turned.angles)
     away = arm - CLOSEST_M * across[:, np.newaxis] - passed * along[:, np.newaxis]
     distance = np.linalg.norm(away, axis=0)
     towards = away / distance
@@ -426,7 +426,7 @@ def _add_spikes(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
     readings = turned.read()
     struck = rng.choice(len(readings), round(amount * len(readings)), replace=False)
     lengths = turned.field_strength * rng.uniform(0.5, 3.0, (len(struck), 1))
-    readings[struck] += lengths * uniform(rng, len(struck))
+    readings[struck] += lengths * uniform_directions(rng, len(struck))
     return readings
 
 
@@ -434,7 +434,7 @@ def _warm_up(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
     """(N, 3) readings with an offset that drifts while the sensor warms up."""
     progress = np.arange(len(turned.time)) / len(turned.time)
     warmer = np.expm1(-progress / 0.5) / math.expm1(-2.0)
-    return turned.read(shift=amount * warmer[:, np.newaxis] * uniform(rng, 1))
+    return turned.read(shift=amount * warmer[:, np.newaxis] * uniform_directions(rng, 1))
 
 
 def _scale_all(amount: float, rng: Generator) -> Floats:
@@ -481,9 +481,9 @@ FAULTS: Final[Mapping[str, Fault]] = {
     "spikes": Fault("single readings off by 0.5 to 3 field strengths, as a share", 0.05, 0.2, _add_spikes),
     "thermal-drift": Fault("an offset that warms up and settles, µT from beginning to end", 1.5, 10.0, _warm_up),
     "one-gain": Fault("one axis reads so many times as much", 2.0, 4.0, lasting=_scale_axis),
-    "swapped-throughout": Fault("two axes exchanged all the time", 1.0, 1.0, lasting=_swap_axes, can_be_told=False),
+    "swapped-throughout": Fault("two axes exchanged all the time", 1.0, 1.0, lasting=_swap_axes, is_detectable=False),
     "flipped-throughout": Fault(
-        "one axis with the other sign all the time", 1.0, 1.0, lasting=_flip_axis, can_be_told=False
+        "one axis with the other sign all the time", 1.0, 1.0, lasting=_flip_axis, is_detectable=False
     ),
 }
 """Kinds of faults of a unit, by name."""

@@ -4,7 +4,7 @@ r"""Storage of recordings: local files, or objects of ``s3://``, ``gs://`` and `
 >>> from pathlib import Path
 >>> folder = Path(tempfile.mkdtemp())
 >>> _ = (folder / "A17").mkdir(), (folder / "A17" / "monday.csv").write_text("x,y,z\n")
->>> [(file.name, file.size) for file in listed(str(folder))]
+>>> [(file.name, file.size) for file in list_files(str(folder))]
 [('A17/monday.csv', 6)]
 """
 
@@ -25,7 +25,7 @@ from operator import attrgetter
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any, Final, cast
 
-from flinders.core.files import reason, write_all
+from flinders.core.files import reason_and_remedy, write_all
 from flinders.errors import MissingExtra, OutputError, OutputExists, UnreadableInput
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from flinders.errors import FlindersError
 
-MAGIC: Final = re.compile(r"[*?\[]")
+WILDCARD: Final = re.compile(r"[*?\[]")
 STORE: Final = re.compile(r"(s3a?|gs|az|abfss?)://[^/]+")
 """The store in a URL; the path of an object follows."""
 CHUNK_BYTES: Final = 1 << 22
@@ -67,7 +67,7 @@ def is_remote(where: str) -> bool:
     return STORE.match(where) is not None
 
 
-def listed(where: str) -> list[StoredFile]:
+def list_files(where: str) -> list[StoredFile]:
     """List the files of a folder, a pattern, a file or a URL, sorted by name, without hidden ones and checkpoints.
 
     Raises UnreadableInput if there are no files, or they cannot be listed, and MissingExtra for a URL without obstore.
@@ -91,8 +91,8 @@ def _files(where: str) -> Iterator[StoredFile]:
             yield _file(root, root.name)
         elif root.is_dir():
             yield from _files_below(root)
-        elif MAGIC.search(where):
-            start = Path(*takewhile(lambda part: not MAGIC.search(part), Path(where).parts))
+        elif WILDCARD.search(where):
+            start = Path(*takewhile(lambda part: not WILDCARD.search(part), Path(where).parts))
             for found_path in map(Path, glob.glob(where, recursive=True)):  # noqa: PTH207 - a pattern may be absolute
                 name = found_path.relative_to(start).as_posix() if start.parts else found_path.as_posix()
                 if not found_path.is_dir() and not _is_hidden(name):
@@ -100,7 +100,7 @@ def _files(where: str) -> Iterator[StoredFile]:
         else:
             raise FileNotFoundError(2, "")
     except OSError as error:
-        raise UnreadableInput(f"{where}: cannot be listed: {reason(error)}") from None
+        raise UnreadableInput(f"{where}: cannot be listed: {reason_and_remedy(error)}") from None
 
 
 def _files_below(root: Path) -> Iterator[StoredFile]:
@@ -184,8 +184,8 @@ def _store_in_environment(where: str, _: tuple[tuple[str, str], ...]) -> Any:  #
 
 def _objects(where: str) -> Iterator[StoredFile]:
     """Yield objects of a store."""
-    is_folder = not MAGIC.search(where) and (where.endswith("/") or not PurePosixPath(_split(where)[1]).suffix)
-    fixed = where.rstrip("/") if is_folder else MAGIC.split(where)[0].rpartition("/")[0]
+    is_folder = not WILDCARD.search(where) and (where.endswith("/") or not PurePosixPath(_split(where)[1]).suffix)
+    fixed = where.rstrip("/") if is_folder else WILDCARD.split(where)[0].rpartition("/")[0]
     pattern = where[len(fixed) :].lstrip("/")
     with _store_errors(where):
         store, folder = _split(fixed)
@@ -208,7 +208,7 @@ def _store_errors(where: str, refused: type[FlindersError] = UnreadableInput) ->
 
 
 @contextlib.contextmanager
-def opened(file: StoredFile) -> Iterator[Any]:
+def open_stored(file: StoredFile) -> Iterator[Any]:
     """Open a file or object for random access; yields a local path or a binary file. Raises UnreadableInput."""
     if not is_remote(file.where):
         yield file.where
@@ -250,7 +250,7 @@ class _Object(io.RawIOBase):
 
 
 @contextlib.contextmanager
-def fetched(file: StoredFile) -> Iterator[Path]:
+def fetch(file: StoredFile) -> Iterator[Path]:
     """Copy an object to a temporary local file and yield its path; of a local file, yield its own path.
 
     Raises UnreadableInput if it cannot be read, and OutputError if the disk has no space for the copy.
@@ -268,7 +268,9 @@ def fetched(file: StoredFile) -> Iterator[Path]:
                 try:
                     write_all(written, bytes(chunk))
                 except OSError as error:
-                    raise OutputError(f"{file.where}: cannot be copied to {place}: {reason(error)}") from None
+                    raise OutputError(
+                        f"{file.where}: cannot be copied to {place}: {reason_and_remedy(error)}"
+                    ) from None
         yield copy
 
 

@@ -7,7 +7,7 @@ have no calibration, so that the previous one stays valid.
 >>> from flinders.fitting import calibrate
 >>> fit = calibrate.fit(simulate.tumble(seed=1).samples)
 >>> rows = [UnitResult(unit="A17", recording=f"2026-0{month}-01.csv").with_fit(fit) for month in (3, 6)]
->>> found = valid_at(rows, "A17", datetime(2026, 4, 1, tzinfo=UTC))
+>>> found = calibration_at(rows, "A17", datetime(2026, 4, 1, tzinfo=UTC))
 >>> found.row.recording, found.next_s - found.date_s
 ('2026-03-01.csv', 7948800.0)
 """
@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.apps.fleet.dates import arranged
+from flinders.apps.fleet.dates import arrange
 from flinders.apps.fleet.growth import ReadFiles
 from flinders.apps.fleet.merging import TableRows
 from flinders.apps.fleet.results import VERDICTS, UnitResult, UnitResults
@@ -38,7 +38,7 @@ from flinders.core.calibration_file import (
 )
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import DocumentError, FitError, UsageError
-from flinders.findings.row import OF_A_TUMBLE
+from flinders.findings.row import TUMBLE_ASSUMPTIONS
 
 if TYPE_CHECKING:
     import os
@@ -116,12 +116,12 @@ def date_of(text: str) -> datetime:
     return date if date.tzinfo else date.replace(tzinfo=UTC)
 
 
-def valid_at(rows: Sequence[UnitResult], unit: str, date: datetime | None = None) -> ValidCalibration:
+def calibration_at(rows: Sequence[UnitResult], unit: str, date: datetime | None = None) -> ValidCalibration:
     """The calibration of a unit that was valid at a date, by default the newest.
 
     Raises `NoCalibration` if the unit has none, and `UsageError` for a date if the recordings have no dates.
     """
-    order = arranged([row.recording for row in rows], np.array([row.start_s for row in rows]))
+    order = arrange([row.recording for row in rows], np.array([row.start_s for row in rows]))
     if not order.is_known or (date is not None and not order.is_dated):
         raise UsageError(
             f"the {'dates' if order.is_known else 'order'} of the recordings of {unit} are not known: put dates into "
@@ -177,7 +177,7 @@ def _fit_record(row: UnitResult, covariance: Iterable[Sequence[float]], options:
         ),
         coverage={} if math.isnan(row.coverage) else {"fraction": row.coverage},
         findings=tuple(cause),
-        conditions=OF_A_TUMBLE,
+        conditions=TUMBLE_ASSUMPTIONS,
     )
 
 

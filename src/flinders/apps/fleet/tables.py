@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Final, TextIO, cast
 
 from flinders.apps.fleet.names import CSV, PARQUET
 from flinders.apps.fleet.results import COUNTS, LISTS, NAMES, NUMBERS, UnitResult, UnitResults, needs_arrow
-from flinders.core.files import reason, replacing
+from flinders.core.files import open_atomically, reason_and_remedy
 from flinders.errors import DocumentError, UsageError
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def record_table(
     if path is None:
         yield None
         return
-    with replacing(path, force=force) as file:
+    with open_atomically(path, force=force) as file:
         if is_csv(path):
             writer = csv.writer(file, lineterminator="\n")
             names = [field.name for field in dataclasses.fields(record)]
@@ -109,7 +109,7 @@ def write_csv(table: str | os.PathLike[str], out: str | os.PathLike[str]) -> Non
     """Write a fleet's table from a Parquet file as CSV; raises OutputError."""
     from pyarrow import parquet
 
-    with replacing(out, force=True) as file, parquet.ParquetFile(table) as source:
+    with open_atomically(out, force=True) as file, parquet.ParquetFile(table) as source:
         added = [name for name in source.schema_arrow.names if name not in NAMES]
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow([*flat_names(), *added])
@@ -148,7 +148,7 @@ def read_table(path: str | os.PathLike[str]) -> UnitResults:
         with Path(path).open(encoding="utf-8", newline="") as file:
             return UnitResults.of([_row(cells) for cells in _complete_lines(csv.DictReader(file))])
     except (OSError, ValueError, csv.Error) as error:
-        words = reason(error) if isinstance(error, OSError) else str(error)
+        words = reason_and_remedy(error) if isinstance(error, OSError) else str(error)
         raise DocumentError(f"{path}: cannot be read as a table of a fleet: {words}") from None
 
 

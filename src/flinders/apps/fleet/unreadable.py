@@ -15,7 +15,7 @@ from flinders.apps.fleet.dataset import Interner, KeyedTable, counts_of, extents
 from flinders.apps.fleet.keys import KeyColumns, batch_in
 from flinders.apps.fleet.plan import open_as_planned
 from flinders.apps.fleet.results import UnitResult, one_line
-from flinders.errors import FlindersError, counted
+from flinders.errors import FlindersError, count_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -63,7 +63,7 @@ class UnreadableGroups:
     @property
     def row(self) -> UnitResult:
         """Row about groups whose units are not known; its unit is the file name in parentheses."""
-        rows = f" ({counted(self.rows, 'row')})" if self.rows else ""
+        rows = f" ({count_text(self.rows, 'row')})" if self.rows else ""
         why = self.error.message if isinstance(self.error, FlindersError) else self.error
         message = (
             f"the units of the readings in {self.where}{rows} are not known, and a unit that also has readings "
@@ -198,7 +198,7 @@ class Unreadable:
                     groups_of[pair].append(each)
         return [_of_recording(pair, groups, readable[pair]) for pair, groups in groups_of.items()]
 
-    def unknown(self) -> list[UnitResult]:
+    def unknown_rows(self) -> list[UnitResult]:
         """Rows about groups whose units are not known."""
         return [each.row for each in self.all if not each.counts and not each.is_complete]
 
@@ -208,7 +208,7 @@ class Unreadable:
         return {pair: min(each[pair] for each in (known, own) if pair in each) for pair in {*known, *own}}
 
     @property
-    def nameless(self) -> int:
+    def nameless_count(self) -> int:
         """Number of rows without a unit."""
         return sum(rows for each in self.all for (unit, _), rows in each.counts.items() if not unit)
 
@@ -216,10 +216,10 @@ class Unreadable:
 def _of_recording(pair: Pair, groups: list[UnreadableGroups], readable: int) -> UnitResult:
     """Row about a recording with unreadable rows."""
     lost = sum(each.counts[pair] for each in groups)
-    every, where = counted(readable + lost, "reading"), " and ".join(each.where for each in groups[:MAX_LISTED])
+    every, where = count_text(readable + lost, "reading"), " and ".join(each.where for each in groups[:MAX_LISTED])
     share = f"{lost:,} of its {every}" if lost < readable + lost else f"its {every}"
     if any(each.ends or not each.rows for each in groups):
-        others = f", in addition to {counted(readable, 'reading')} that can be read," if readable else ""
+        others = f", in addition to {count_text(readable, 'reading')} that can be read," if readable else ""
         share = f"some of its readings{others}"
     return _row(groups[0].error, pair, readable + lost, f"{share} lie in {where}: {groups[0].error}")
 

@@ -22,7 +22,7 @@ from flinders.apps.fleet.overview import UnitStep
 from flinders.comparison.pairs import offset_heading_deg
 from flinders.core.offset_walk import HOUR_S
 from flinders.errors import UsageError
-from flinders.workflows.offset_history import OffsetHistory, histories_in
+from flinders.workflows.offset_history import OffsetHistory, find_histories
 from flinders.workflows.walk import walk_of
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ def walks_of(
     Parameters
     ----------
     paths : sequence of path
-        Files of `flinders watch`, see `flinders.workflows.offset_history.histories_in`.
+        Files of `flinders watch`, see `flinders.workflows.offset_history.find_histories`.
     target_deg : float
         Change of the heading by a step that is good enough.
     dip_deg : float, optional
@@ -123,7 +123,7 @@ def walks_of(
     """
     if not target_deg > 0.0:
         raise UsageError(f"target is {target_deg:g}°: need a positive angle")
-    found = histories_in(paths)
+    found = find_histories(paths)
     units, steps, intervals = list[UnitWalk](), list[UnitStep](), 0
     for path, name in found.items():
         history = OffsetHistory.read(path, name=name)

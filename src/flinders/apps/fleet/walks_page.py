@@ -16,11 +16,11 @@ from rich.table import Column
 
 from flinders.apps.fleet.report import chance, common_unit
 from flinders.apps.fleet.walks import STATES
-from flinders.core.units import label
-from flinders.errors import counted, figures
+from flinders.core.units import unit_label
+from flinders.errors import count_text, figures
 from flinders.report.formatting import degrees, with_uncertainty
-from flinders.report.terminal import page, styled, table
-from flinders.workflows.offset_history import FROM_1970_S
+from flinders.report.terminal import page, style_cells, table
+from flinders.workflows.offset_history import MIN_EPOCH_S
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -48,7 +48,7 @@ def shown_time(seconds: float) -> str:
     """Format a time: date and hour if it counts from 1970, else hours."""
     if not math.isfinite(seconds):
         return "–"
-    if seconds < FROM_1970_S:
+    if seconds < MIN_EPOCH_S:
         return f"{seconds / 3600.0:,.1f} h"
     return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M}"
 
@@ -69,13 +69,13 @@ def remarks(fleet: FleetWalk) -> list[str]:
             f"factor of {figures(fleet.walk_spread)} of that (1 σ)"
         )
     share = f"{fleet.false_alarm_probability:.0%}"
-    what = f"a step between {counted(fleet.intervals, 'pair')} of estimates, or a faster unit,"
+    what = f"a step between {count_text(fleet.intervals, 'pair')} of estimates, or a faster unit,"
     return [*found, f"chance alone lists {what} in {share} of fleets of this size in which nothing changed"]
 
 
 def _states(fleet: FleetWalk) -> Table:
     rows = [
-        styled(STATE_COLOURS.get(name, "dim"), name, f"{fleet.states[name]:,}", words)
+        style_cells(STATE_COLOURS.get(name, "dim"), name, f"{fleet.states[name]:,}", words)
         for name, words in STATES.items()
         if fleet.states[name]
     ]
@@ -89,7 +89,7 @@ def _units(fleet: FleetWalk) -> Table:
         "steps", "from", "to",
     )  # fmt: skip
     rows = [
-        (one.unit, one.state, walk_words(one) if unit else f"{walk_words(one)} {label(one.unit_of_field)}",
+        (one.unit, one.state, walk_words(one) if unit else f"{walk_words(one)} {unit_label(one.unit_of_field)}",
          "" if math.isnan(one.walk_deg) else degrees(one.walk_deg), str(one.steps),
          shown_time(one.begin_s), shown_time(one.end_s))
         for one in fleet.listed[:MAX_ROWS]
@@ -102,7 +102,7 @@ def _steps(fleet: FleetWalk) -> Table:
     by = f"offset by, {unit}" if unit else "offset by"
     rows = [
         (one.unit, degrees(one.worst_deg),
-         f"{figures(math.hypot(*one.offset_change))} {label(one.unit_of_field)}".removesuffix(f" {unit}"),
+         f"{figures(math.hypot(*one.offset_change))} {unit_label(one.unit_of_field)}".removesuffix(f" {unit}"),
          chance(one.p_value), shown_time(one.before_s), shown_time(one.after_s))
         for one in fleet.steps[:MAX_ROWS]
     ]  # fmt: skip
@@ -119,7 +119,7 @@ def _history(history: Mapping[str, Sequence[Any]], unit: str) -> Table:
          *map(with_uncertainty, history["offset"][place], history["sigma"][place]))
         for place in places
     ]  # fmt: skip
-    shown = label(unit)
+    shown = unit_label(unit)
     return table((Column("time", no_wrap=True), *(f"offset {axis}, {shown}" for axis in "xyz")), rows, is_dense=True)
 
 

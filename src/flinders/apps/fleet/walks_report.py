@@ -11,12 +11,12 @@ import numpy as np
 from flinders.apps.fleet.report import FILTERS
 from flinders.apps.fleet.walks import STATES
 from flinders.apps.fleet.walks_page import remarks, shown_time, walk_words
-from flinders.core.units import label
+from flinders.core.units import unit_label
 from flinders.findings.words import as_sentence
-from flinders.report.charts import Axis, Panel, round_up, stacked
+from flinders.report.charts import Axis, Panel, round_up, stack_panels
 from flinders.report.formatting import date_of, minus
 from flinders.report.html_file import html_file, script_of, style_of
-from flinders.workflows.offset_history import OffsetHistory, histories_in
+from flinders.workflows.offset_history import OffsetHistory, find_histories
 
 if TYPE_CHECKING:
     import os
@@ -33,7 +33,9 @@ WIDTH: Final = 720.0
 def page_of(fleet: FleetWalk, paths: Sequence[str | os.PathLike[str]]) -> str:
     """The report as one HTML file; the histories of units that are drawn are read again."""
     urgent = [one.unit for one in fleet.listed[:MAX_DRAWN]]
-    drawn = {name: OffsetHistory.read(path, name=name) for path, name in histories_in(paths).items() if name in urgent}
+    drawn = {
+        name: OffsetHistory.read(path, name=name) for path, name in find_histories(paths).items() if name in urgent
+    }
     given = {
         "fleet": fleet,
         "states": STATES,
@@ -69,8 +71,10 @@ def offset_over_time(history: OffsetHistory) -> str:
             ]
 
         numbers = [(place, minus(f"{place:+.3g}") if place else "0") for place in (-end, 0.0, end)]
-        title = f"{axis}, {label(history.unit)}"
+        title = f"{axis}, {unit_label(history.unit)}"
         across = Axis(0.0, float(when[-1]) or 1.0)
         return Panel(across, Axis(-end, end), draw, words, title=title, y_ticks=numbers)
 
-    return stacked(f"Offset of {history.name} over time", [panel(*each) for each in columns], wide=WIDTH, high=72.0)
+    return stack_panels(
+        f"Offset of {history.name} over time", [panel(*each) for each in columns], wide=WIDTH, high=72.0
+    )

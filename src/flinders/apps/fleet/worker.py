@@ -23,11 +23,11 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import numpy as np
 
 from flinders.apps.fleet import storage
-from flinders.apps.fleet.dataset import Interner, KeyedTable, TableFile, counts_of, in_memory
+from flinders.apps.fleet.dataset import Interner, KeyedTable, TableFile, counts_of, table_in_memory
 from flinders.apps.fleet.frame import KeyedFrame
 from flinders.apps.fleet.keys import KeyColumns, batch_in
 from flinders.apps.fleet.options import Options
-from flinders.apps.fleet.plan import LARGEST, FileSlice, Partition, key_of, open_as_planned
+from flinders.apps.fleet.plan import MAX_ROWS, FileSlice, Partition, key_of, open_as_planned
 from flinders.apps.fleet.recordings import (
     Job,
     RecordingSet,
@@ -41,10 +41,10 @@ from flinders.apps.fleet.storage import StoredFile
 from flinders.apps.fleet.unreadable import Unreadable, UnreadableGroups
 from flinders.core.axes import Axes
 from flinders.core.frames import hands_out_columns, is_frame
-from flinders.core.keywords import spell_checked
+from flinders.core.keywords import check_keywords
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
-from flinders.errors import FlindersError, InputError, MissingExtra, OutputError, UsageError, counted
+from flinders.errors import FlindersError, InputError, MissingExtra, OutputError, UsageError, count_text
 from flinders.estimators.data import CountedRecording, recording_of
 from flinders.fitting.batch import FitColumns, fit_batch
 from flinders.readers import open_log
@@ -84,7 +84,7 @@ class NoUnit(InputError):
     def __init__(self, where: str, rows: int = 0) -> None:
         self.rows = rows
         super().__init__(
-            f"{counted(rows, 'row')} of {where} without a unit: not fitted; fill in the column of units, or name "
+            f"{count_text(rows, 'row')} of {where} without a unit: not fitted; fill in the column of units, or name "
             "another column of units"
             if rows
             else f"{where} lies in a folder without the name of a unit: give that folder a name",
@@ -99,7 +99,7 @@ def calibrate_partition(partition: Partition, *, options: Options) -> bytes:
     return rows.sorted().to_bytes()
 
 
-def lost(partition: Partition, attempts: int) -> list[UnitResult]:
+def lost_rows(partition: Partition, attempts: int) -> list[UnitResult]:
     """Rows about a partition that killed its workers: one for each unit if they are known, else for each file."""
     error = LostWorker(", ".join(part.file.name for part in partition.slices), attempts)
     if partition.only is not None:
@@ -110,7 +110,7 @@ def lost(partition: Partition, attempts: int) -> list[UnitResult]:
 # --------------------------------------------------------------------------------------------------------- in memory
 
 
-@spell_checked()
+@check_keywords()
 def fit_many(
     table: Any,  # noqa: ANN401 - of Arrow, pandas, polars or anything else that hands over Arrow's columns
     *,
@@ -167,13 +167,13 @@ def fit_many(
     if isinstance(table, Mapping):
         jobs = [_unit_job(str(name), source, options) for name, source in table.items()]
         refused = UnitResults.of([row for row in jobs if isinstance(row, UnitResult)])
-        return UnitResults.joined([refused, fit_jobs([job for job in jobs if isinstance(job, Job)], options)]).sorted()
+        return UnitResults.join([refused, fit_jobs([job for job in jobs if isinstance(job, Job)], options)]).sorted()
     keyed, length = _open_in_memory(table, options)
     whole = Partition((FileSlice(StoredFile("table", "", 0), (0,), length),))
     rows = RowFilter(whole)
     fits = _fit_set(read_recordings(keyed, whole.slices[0], rows), options)
     nameless = UnitResults.of(_nameless(whole, rows.nameless, Unreadable(whole, options)))
-    return _add_batches(UnitResults.joined([fits, nameless]), rows.names.batches).sorted()
+    return _add_batches(UnitResults.join([fits, nameless]), rows.names.batches).sorted()
 
 
 def _unit_job(name: str, source: Any, options: Options) -> Job | UnitResult:  # noqa: ANN401
@@ -203,7 +203,7 @@ def _open_in_memory(table: Any, options: Options) -> tuple[KeyedTable | KeyedFra
             raise
         frame = KeyedFrame.of(table, options)
         return frame, frame.rows
-    file = in_memory("the table", "Arrow", table if isinstance(table, arrow.Table) else arrow.table(table))
+    file = table_in_memory("the table", "Arrow", table if isinstance(table, arrow.Table) else arrow.table(table))
     KeyColumns.of(file.name, file.schema.names, options)  # refuses options that name a missing column
     return KeyedTable.of(file, options), file.groups[0]
 
@@ -228,7 +228,7 @@ def fit_jobs(jobs: Sequence[Job], options: Options) -> UnitResults:
 def _fit_one_by_one(jobs: Sequence[Job], options: Options, error: Exception) -> UnitResults:
     """Fit recordings one by one, after one of them has ended the joint fit with an error."""
     if len(jobs) > 1:
-        return UnitResults.joined(fit_jobs([job], options) for job in jobs)
+        return UnitResults.join(fit_jobs([job], options) for job in jobs)
     row = UnitResult(unit=jobs[0].unit, recording=jobs[0].recording, readings=jobs[0].readings)
     return UnitResults.of([replace(row, unit_of_field=jobs[0].source.unit.inside).with_error(error)])
 
@@ -286,7 +286,7 @@ def _fit_logs(partition: Partition, options: Options) -> UnitResults:
     with contextlib.ExitStack() as copies:
         jobs = [(part, each) for part in partition.slices for each in _log(part, options, copies)]
         failed = UnitResults.of([each for _, each in jobs if isinstance(each, UnitResult)])
-        rows = UnitResults.joined([failed, fit_jobs([each for _, each in jobs if isinstance(each, Job)], options)])
+        rows = UnitResults.join([failed, fit_jobs([each for _, each in jobs if isinstance(each, Job)], options)])
     pairs = {(each.unit, each.recording): batch_in(part.file.name, options) for part, each in jobs}
     return _add_batches(rows, {pair: batch for pair, batch in pairs.items() if batch})
 
@@ -300,7 +300,7 @@ def _log(part: FileSlice, options: Options, copies: contextlib.ExitStack) -> Seq
         return [_failure_row(part, part.error)]
     try:
         log = open_log(
-            copies.enter_context(storage.fetched(part.file)),
+            copies.enter_context(storage.fetch(part.file)),
             columns=options.columns,
             unit=options.unit,
             scale=options.scale,
@@ -334,16 +334,16 @@ def _first_block(source: Recording) -> Recording:
 
 
 def _fit_tables(partition: Partition, options: Options) -> UnitResults:
-    """Rows of the tables of a partition; a partition of more than `LARGEST` rows is read several times."""
+    """Rows of the tables of a partition; a partition of more than `MAX_ROWS` rows is read several times."""
     unreadable = Unreadable(partition, options)
-    if partition.rows <= LARGEST:
+    if partition.rows <= MAX_ROWS:
         return _fit_in_memory(partition, options, unreadable)
     names = Interner()
     counts_of_slices = [(part, _counts(part, options, unreadable, names)) for part in partition.slices]
     counts: Counter[Pair] = sum((own for _, own in counts_of_slices), Counter())
     wanted = {pair: rows for pair, rows in sorted(counts.items()) if partition.takes(pair[0])}
     nameless = sum(rows for (unit, _), rows in wanted.items() if not unit)
-    short = {pair: rows for pair, rows in wanted.items() if pair[0] and rows <= LARGEST}
+    short = {pair: rows for pair, rows in wanted.items() if pair[0] and rows <= MAX_ROWS}
     fits = [_fit_in_memory(partition, options, unreadable, selected) for selected in _sets_in_memory(short)]
     rows = []
     for pair, count in wanted.items():
@@ -353,7 +353,7 @@ def _fit_tables(partition: Partition, options: Options) -> UnitResults:
     others = unreadable.recordings(wanted) - wanted.keys()
     rows += unreadable.rows({pair: 0 for pair in others if partition.takes(pair[0])})
     rows += _nameless(partition, nameless, unreadable)
-    return _add_batches(UnitResults.joined([*fits, UnitResults.of(rows)]), unreadable.batches(names.batches))
+    return _add_batches(UnitResults.join([*fits, UnitResults.of(rows)]), unreadable.batches(names.batches))
 
 
 def _counts(part: FileSlice, options: Options, unreadable: Unreadable, names: Interner) -> Counter[Pair]:
@@ -368,7 +368,7 @@ def _counts(part: FileSlice, options: Options, unreadable: Unreadable, names: In
 
 def _nameless(partition: Partition, rows: int, unreadable: Unreadable) -> list[UnitResult]:
     """Rows about readings without a unit, and about readings whose unit cannot be read, which are reported once."""
-    report = unreadable.unknown() if partition.only is None else []
+    report = unreadable.unknown_rows() if partition.only is None else []
     if rows:
         names = [part.file.name for part in partition.slices]
         where = ", ".join(names[:3]) + f" and {len(names) - 3} more" * (len(names) > 3)
@@ -387,7 +387,7 @@ def _sets_in_memory(counts: dict[Pair, int]) -> list[set[Pair]]:
     for pair, rows in counts.items():
         if rows > room:
             sets.append(set())
-            room = LARGEST
+            room = MAX_ROWS
         sets[-1].add(pair)
         room -= rows
     return sets
@@ -413,12 +413,12 @@ def _fit_in_memory(
     jobs = [merged_recording(own) for _, own in sorted(parts.items())]
     rows += [job for job in jobs if isinstance(job, UnitResult)]
     if selected is None:
-        nameless = filtered.nameless + (unreadable.nameless if filtered.takes(("", "")) else 0)
+        nameless = filtered.nameless + (unreadable.nameless_count if filtered.takes(("", "")) else 0)
         rows += _nameless(partition, nameless, unreadable)
     rest = fit_jobs([job for job in jobs if isinstance(job, Job)], options)
     del sets
-    fits = UnitResults.joined(
-        [UnitResults.of(rows), rest, *(_fit_set(each, options) for each in RecordingSet.joined(whole))]
+    fits = UnitResults.join(
+        [UnitResults.of(rows), rest, *(_fit_set(each, options) for each in RecordingSet.join(whole))]
     )
     return _add_batches(fits, unreadable.batches(filtered.names.batches))
 

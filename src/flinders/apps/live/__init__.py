@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from flinders.core.lazy import attributes
+from flinders.core.lazy import lazy_getattr
 
 if TYPE_CHECKING:
     from flinders.apps.live.guided import Session as Session
@@ -26,4 +26,4 @@ if TYPE_CHECKING:
 PUBLIC = {"Session": "guided", "gauge_study": "station.gauge"}
 
 if not TYPE_CHECKING:
-    __getattr__ = attributes(__name__, PUBLIC)
+    __getattr__ = lazy_getattr(__name__, PUBLIC)

@@ -37,7 +37,7 @@ from starlette.responses import HTMLResponse, JSONResponse, RedirectResponse, Re
 from starlette.websockets import WebSocketClose
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from flinders.apps.live.messages import LONGEST
+from flinders.apps.live.messages import MAX_MESSAGE_BYTES
 from flinders.errors import LinkError
 
 if TYPE_CHECKING:
@@ -182,7 +182,7 @@ class Tokens:
         self._cookies.add(cookie)
         return cookie
 
-    def knows(self, cookie: str | None) -> bool:
+    def is_issued(self, cookie: str | None) -> bool:
         """Whether a cookie was issued."""
         matches = [hmac.compare_digest((cookie or "").encode(), known.encode()) for known in self._cookies]
         return any(matches)
@@ -259,7 +259,7 @@ class Guard:
         if refusal is not None:
             return answer(refusal, 403)
         name = cookie_name(self._gate.port)
-        if self._tokens is None or self._tokens.knows(request.cookies.get(name)):
+        if self._tokens is None or self._tokens.is_issued(request.cookies.get(name)):
             return None
         shown = request.query_params.get("token", "")
         cookie = self._tokens.redeem(shown) if not is_socket and request.url.path == "/" else None
@@ -295,10 +295,10 @@ def _with_headers(send: Send) -> Send:
 SIGNALS: Final = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 STOPPING_S: Final = 1  # Longest wait for pages to disconnect when the server stops
 HEAD_S: Final = 10.0  # Longest time to receive the head of a request
-MOST_CONNECTIONS: Final = 200  # Most connections at one time; further ones are closed
+MAX_CONNECTIONS: Final = 200  # Most connections at one time; further ones are closed
 
 
-def listening(host: str, port: int) -> socket.socket:
+def open_listener(host: str, port: int) -> socket.socket:
     """Open the socket to listen on; port 0 means any free port. Raises `LinkError` with the reason if it fails."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     listener = socket.socket(family, socket.SOCK_STREAM)
@@ -352,7 +352,7 @@ class _DeadlineProtocol(H11Protocol):
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Accept the connection, unless there are too many."""
         super().connection_made(transport)
-        if len(self.connections) > MOST_CONNECTIONS:
+        if len(self.connections) > MAX_CONNECTIONS:
             transport.abort()
         else:
             self._watch()
@@ -390,7 +390,7 @@ def server_of(app: ASGIApp) -> uvicorn.Server:
         app,
         http=_DeadlineProtocol,
         ws="websockets-sansio",
-        ws_max_size=LONGEST,
+        ws_max_size=MAX_MESSAGE_BYTES,
         ws_per_message_deflate=False,
         lifespan="on",
         log_config=None,

@@ -1,7 +1,7 @@
 """Growing buffer of readings with bounded memory and immutable snapshots.
 
->>> buffer = ReadingBuffer.empty().extended(np.array([[0.0, 1, 2, 3, *GAP], [0.1, 4, 5, 6, *GAP]]))
->>> later = buffer.extended(np.array([[0.2, 7, 8, 9, *GAP]]))
+>>> buffer = ReadingBuffer.empty().with_rows(np.array([[0.0, 1, 2, 3, *GAP], [0.1, 4, 5, 6, *GAP]]))
+>>> later = buffer.with_rows(np.array([[0.2, 7, 8, 9, *GAP]]))
 >>> len(buffer), len(later), later.field[-1]                                  # the earlier buffer is unchanged
 (2, 3, array([7., 8., 9.]))
 
@@ -98,7 +98,7 @@ class ReadingBuffer:
         """No readings."""
         return cls(most=most)
 
-    def extended(self, rows: Floats) -> ReadingBuffer:
+    def with_rows(self, rows: Floats) -> ReadingBuffer:
         """Return a buffer with (N, 7) further rows: time, field, acceleration."""
         if not len(rows):
             return self
@@ -157,7 +157,7 @@ class ReadingBuffer:
 
     def after(self, seconds: float) -> ReadingBuffer:
         """Return a buffer of the readings after a time."""
-        return ReadingBuffer.empty(self.most).extended(self._rows[self.time > seconds])
+        return ReadingBuffer.empty(self.most).with_rows(self._rows[self.time > seconds])
 
     def rows(self, start: int, most: int) -> Floats:
         """(N, 7) at most `most` readings in memory, from number `start` on."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from flinders.apps.live.session_file import TrimmedRecording, left_out
+from flinders.apps.live.session_file import TrimmedRecording, excluded_spans
 from flinders.core.calibration_file import SourceFile
 from flinders.core.samples import Samples
 from flinders.errors import FlindersError, UnreadableInput, UsageError
@@ -48,7 +48,7 @@ class CalibrationRequest(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class FinishInputs:
     """Inputs of a final calibration: readings, the user's edits, and the calibration to renew.
 
     Attributes
@@ -77,7 +77,7 @@ class Wanted:
 
     def fitted(self, recording: Recording) -> Fit | FlindersError:
         """Return the fit of a recording at the site, or the error if there is no usable one."""
-        site = Site.stated(self.log.site_known(self.edits.site), inclination_deg=self.edits.dip_deg)
+        site = Site.merge_stated(self.log.site_known(self.edits.site), inclination_deg=self.edits.dip_deg)
         if self.edits.refreshing and self.previous is None:
             raise UsageError("no earlier calibration to renew: choose its file first")
         how = partial(refresh, previous=self.previous) if self.edits.refreshing and self.previous else fit
@@ -88,7 +88,7 @@ class Wanted:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Finished:
+class FinishedCalibration:
     """Final calibration of a session with its recording; `number` identifies it.
 
     `request` is the request it answers: the same request returns the same calibration.
@@ -131,23 +131,25 @@ class Finished:
         return [f"from {self.name}", *verdict_lines(self.fit)]
 
 
-def finished(number: str, wanted: Wanted) -> Finished:
+def finish_calibration(number: str, wanted: FinishInputs) -> FinishedCalibration:
     """Fit all readings of the inputs."""
     renewed = wanted.previous if wanted.edits.refreshing else None
     earlier = () if renewed is None else renewed.provenance.files
     if wanted.path is None:
         samples = _in_memory(wanted)
-        return Finished(number, wanted.name, samples, wanted.fitted(samples), earlier, wanted.is_of_sensor)
+        return FinishedCalibration(number, wanted.name, samples, wanted.fitted(samples), earlier, wanted.is_of_sensor)
     try:
         file = open_recording(wanted.path, **wanted.reading)
     except FlindersError as error:
-        return Finished(number, wanted.path.name, _in_memory(wanted), _nothing_yet(error))
-    counting = CountedRecording(TrimmedRecording(file, left_out(wanted.edits)))
+        return FinishedCalibration(number, wanted.path.name, _in_memory(wanted), _nothing_yet(error))
+    counting = CountedRecording(TrimmedRecording(file, excluded_spans(wanted.edits)))
     outcome = wanted.fitted(counting)
-    return Finished(number, wanted.path.name, counting, outcome, (_source_file(wanted.path, counting.rows), *earlier))
+    return FinishedCalibration(
+        number, wanted.path.name, counting, outcome, (_source_file(wanted.path, counting.rows), *earlier)
+    )
 
 
-def _in_memory(wanted: Wanted) -> Samples:
+def _in_memory(wanted: FinishInputs) -> Samples:
     """Readings in memory that are not excluded."""
     log = wanted.log
     samples = Samples(
@@ -159,7 +161,7 @@ def _in_memory(wanted: Wanted) -> Samples:
         source=wanted.name,
         frame=log.frame,
     )
-    return next(TrimmedRecording(samples, left_out(wanted.edits)).blocks(), samples)
+    return next(TrimmedRecording(samples, excluded_spans(wanted.edits)).blocks(), samples)
 
 
 def _nothing_yet(error: FlindersError) -> FlindersError:

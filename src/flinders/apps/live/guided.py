@@ -31,8 +31,8 @@ from flinders.core.axes import Axes
 from flinders.core.geomag import ASSUMED_DIP_DEG
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
-from flinders.errors import FitError, UsageError, counted
-from flinders.fitting.advice import guided
+from flinders.errors import FitError, UsageError, count_text
+from flinders.fitting.advice import guidance_for
 from flinders.fitting.calibrate import fit
 from flinders.fitting.request import Request
 from flinders.fitting.result import Refused
@@ -122,7 +122,7 @@ class Session:
             raise UsageError(f"goal is {goal!r}: need {' or '.join(get_args(Goal))}")
         if not (rate_hz > 0.0 and every_s > 0.0):
             raise UsageError(f"rate_hz is {rate_hz:g} and every_s {every_s:g}: need positive numbers")
-        self._site, self._target_deg, self._goal = Site.stated(inclination_deg=dip_deg), target_deg, goal
+        self._site, self._target_deg, self._goal = Site.merge_stated(inclination_deg=dip_deg), target_deg, goal
         Request.of(self._site, target_deg=target_deg)
         self._unit, self._axes, self._rate_hz, self._every_s = Unit.of(unit), Axes.of(axes), rate_hz, every_s
         self._frame: Frame = "sensor" if self._axes.is_identity else "vehicle"
@@ -155,7 +155,7 @@ class Session:
         if samples.time is None:
             rows[:, 0] = (self._buffer.total + rows[:, 0]) / self._rate_hz
         rows[:, 0], self._timeline = self._timeline(rows[:, 0])
-        self._buffer = self._buffer.extended(rows)
+        self._buffer = self._buffer.with_rows(rows)
         self._state = replace(self._state, readings=self._buffer.total)
         if len(rows) and self._timeline.at >= self._due_s:
             self._due_s = self._timeline.at + self._every_s
@@ -165,7 +165,7 @@ class Session:
     def __repr__(self) -> str:
         state = self._state
         what = state.refusal or "no fit yet" if state.fit is None else repr(state.fit)
-        return f"Session({counted(state.readings, 'reading')}: {what})"
+        return f"Session({count_text(state.readings, 'reading')}: {what})"
 
     @property
     def state(self) -> State:
@@ -209,7 +209,7 @@ class Session:
             return False
         worst = found.heading_error_deg.worst
         if self._goal == "attitude":
-            worst = max(worst, guided(found, "attitude").worst_deg)
+            worst = max(worst, guidance_for(found, "attitude").worst_deg)
         return worst <= self._target_deg
 
     def _turn(self, found: Fit | None) -> tuple[str, tuple[float, float, float] | None]:
@@ -220,7 +220,7 @@ class Session:
             return route.words(self._frame), (x, y, z)
         if found is None or not found.claim.states_uncertainty or found.judgement.is_flat:
             return "", None
-        advice = guided(found, self._goal)
+        advice = guidance_for(found, self._goal)
         x, y, z = advice.direction.tolist()
         return advice.words(self._frame), (x, y, z)
 
@@ -255,5 +255,5 @@ class Session:
 def believe(found: Fit | None, readings: Floats) -> path_planning.Belief | None:
     """Estimate after a fit of (N, 3) readings, also a refused one: from its claim, else a sphere."""
     if found is None or found.judgement.is_flat or found.claim.direction_error_deg.worst > MAX_PATH_ERROR_DEG:
-        return path_planning.rough(readings)
+        return path_planning.rough_belief(readings)
     return path_planning.Belief.of(found.claim, found.evidence.noise, found.evidence.coverage)

@@ -46,7 +46,7 @@ from flinders.links.feeds import FeedEvent, FeedThread
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from flinders.apps.live.finished import CalibrationRequest, Finished, Wanted
+    from flinders.apps.live.finished import CalibrationRequest, FinishedCalibration, FinishInputs
     from flinders.apps.live.messages import Link
     from flinders.apps.live.session_file import Log, Supply
     from flinders.core.samples import Samples
@@ -80,7 +80,7 @@ class Page:
     count: int = 0  # rows of the buffer sent to it
     total: int = 0  # readings received when the newest row was sent
 
-    def tell(self, message: FromServer) -> None:
+    def queue_message(self, message: FromServer) -> None:
         """Queue a message; except for notices, it replaces an earlier message of its kind."""
         if isinstance(message, Notice):
             self.notices.append(message)
@@ -123,7 +123,7 @@ class Hub:
         self.unrecorded = ""
         self.chip_notice = ChipNotice()
         self.logs: dict[str, tuple[str, Log]] = {}
-        self.finished: dict[str, Finished] = {}
+        self.finished: dict[str, FinishedCalibration] = {}
         self.failure: Exception | None = None
         self.on_take: Callable[[], object] = lambda: None  # called after each collection of readings
         self.name = secrets.token_hex(4)
@@ -153,18 +153,18 @@ class Hub:
         if self.failure is None:
             self._take()
 
-    def welcomed(self, page: Page) -> None:
+    def add_page(self, page: Page) -> None:
         """Add a page, and queue its first messages."""
         self.pages.add(page)
         if self.warning:
-            page.tell(Notice("warning", self.warning))
+            page.queue_message(Notice("warning", self.warning))
 
     def welcome(self) -> Welcome:
         """Return the first message to a page."""
         from flinders.targets import registry
-        from flinders.targets._target import MOUNTINGS
+        from flinders.targets._target import MOUNTING_KINDS
 
-        written = [row for row in registry().values() if row.keeps not in MOUNTINGS]
+        written = [row for row in registry().values() if row.keeps not in MOUNTING_KINDS]
         rows = sorted(written, key=lambda row: row.name != self.supply.target)
         return Welcome(
             version=version("flinders"),
@@ -217,7 +217,7 @@ class Hub:
         self.edits = self._without_missing_previous(edits)
         self._record_edits()
         for page in self.pages:
-            page.tell(Kept(self.edits, page.heard))
+            page.queue_message(Kept(self.edits, page.heard))
 
     def _without_missing_previous(self, edits: Edits) -> Edits:
         """Edits without the request to renew if there is no earlier calibration."""
@@ -263,20 +263,20 @@ class Hub:
             del self.logs[next(iter(self.logs))]
         return number
 
-    def made(self) -> Finished:
+    def finish_now(self) -> FinishedCalibration:
         """Return the calibration of the sensor's readings with the user's edits."""
-        from flinders.apps.live.finished import finished
+        from flinders.apps.live.finished import finish_calibration
 
-        return finished("", self._finish_inputs(self.edits, None))
+        return finish_calibration("", self._finish_inputs(self.edits, None))
 
-    async def finish(self, request: CalibrationRequest) -> Finished:
+    async def finish(self, request: CalibrationRequest) -> FinishedCalibration:
         """Make the final calibration of the sensor or of a log, and store it for exports.
 
         Requests run one at a time. A request with fixed readings is computed once for all pages, also after a reload.
         Raises `UsageError` for a log that is no longer in memory, or if the calibration to renew has another number
         than in the request.
         """
-        from flinders.apps.live.finished import finished
+        from flinders.apps.live.finished import finish_calibration
 
         if request.edits.refreshing and self.renewed is not None and request.previous != self.previous.number:
             raise UsageError(
@@ -286,7 +286,7 @@ class Hub:
             made = next((each for each in self.finished.values() if each.request == request), None)
             if made is None:
                 wanted = self._finish_inputs(request.edits, request.log)
-                made = await asyncio.to_thread(finished, secrets.token_hex(8), wanted)
+                made = await asyncio.to_thread(finish_calibration, secrets.token_hex(8), wanted)
                 made = replace(made, request=request if request.is_fixed else None)
         self.finished.pop(made.number, None)
         self.finished[made.number] = made
@@ -294,16 +294,16 @@ class Hub:
             del self.finished[next(iter(self.finished))]
         return made
 
-    def _finish_inputs(self, edits: Edits, number: str | None) -> Wanted:
-        from flinders.apps.live.finished import Wanted
+    def _finish_inputs(self, edits: Edits, number: str | None) -> FinishInputs:
+        from flinders.apps.live.finished import FinishInputs
 
         if number is None:
             path = None if self.unrecorded else self.supply.path
-            return Wanted(self.source.name, edits, self.log, path, self.supply.reading, self.renewed)
+            return FinishInputs(self.source.name, edits, self.log, path, self.supply.reading, self.renewed)
         if number not in self.logs:
             raise UsageError("that log is no longer in memory: drop it again")
         name, log = self.logs[number]
-        return Wanted(name, edits, log, None, {}, self.renewed, is_of_sensor=False)
+        return FinishInputs(name, edits, log, None, {}, self.renewed, is_of_sensor=False)
 
     async def on_feed(self, job: Callable[[], Any]) -> Any:  # noqa: ANN401 - result of the job
         """Run a job on the thread of the feed."""
@@ -319,7 +319,7 @@ class Hub:
     def _take(self) -> None:
         """Collect readings and events of the feed; readings that arrived together form one batch."""
         batches: list[Samples] = []
-        for received in self._feed_thread.taken():
+        for received in self._feed_thread.take():
             if isinstance(received, FeedEvent):
                 self._arrive(batches)
                 batches = []
@@ -337,7 +337,7 @@ class Hub:
         rows = np.concatenate([rows_of(batch, self.supply.axes) for batch in batches])
         rows[:, 0], self.timeline = self.timeline(rows[:, 0])
         self.log = self.log._replace(
-            buffer=self.log.buffer.extended(rows), unit=Unit.of(batches[-1].unit.inside), frame=batches[-1].frame
+            buffer=self.log.buffer.with_rows(rows), unit=Unit.of(batches[-1].unit.inside), frame=batches[-1].frame
         )
         self._record_edits()
         if words := self.chip_notice.words(self.log):
@@ -370,4 +370,4 @@ class Hub:
 
     def _send_to_pages(self, message: FromServer) -> None:
         for page in self.pages:
-            page.tell(message)
+            page.queue_message(message)

@@ -26,7 +26,7 @@ import msgspec
 import numpy as np
 from msgspec import Struct
 
-from flinders.core.calibration_file import in_words
+from flinders.core.calibration_file import readable_message
 from flinders.errors import UsageError
 from flinders.likelihood.site_field import Site
 
@@ -39,10 +39,10 @@ Goal = Literal["heading", "attitude"]
 Span = tuple[float, float]
 
 MIN_TARGET_DEG: Final = 1e-3
-LARGEST_DIP_DEG: Final = 89.0
+MAX_DIP_DEG: Final = 89.0
 MIN_STRENGTH: Final = 1e-3  # Range of the field strength at a site, in the unit of the readings
 MAX_STRENGTH: Final = 1e9
-LONGEST: Final = 65_536  # Largest message from a page
+MAX_MESSAGE_BYTES: Final = 65_536  # Largest message from a page
 MAX_SPANS: Final = 1000  # Most excluded spans
 MAGIC: Final = 0x464C4E44
 HEADER: Final = struct.Struct("<8I")
@@ -157,12 +157,12 @@ def encode(message: FromServer | Edits) -> str:
 
 def parse(text: str | bytes) -> Edits | Previous:
     """Parse a message of a page; `UsageError` if it is too long, invalid, or out of range."""
-    if len(text) > LONGEST:
-        raise UsageError(f"a message of {len(text):,} bytes: need at most {LONGEST:,}")
+    if len(text) > MAX_MESSAGE_BYTES:
+        raise UsageError(f"a message of {len(text):,} bytes: need at most {MAX_MESSAGE_BYTES:,}")
     try:
         message: Edits | Previous = _DECODER.decode(text)
     except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
-        raise UsageError(f"not a message of this page: {in_words(error)}") from None
+        raise UsageError(f"not a message of this page: {readable_message(error)}") from None
     if isinstance(message, Edits):
         refuse_out_of_range(message)
     elif message != Previous():
@@ -174,7 +174,7 @@ def refuse_out_of_range(edits: Edits) -> None:
     """Raise `UsageError` for numbers out of range."""
     if not MIN_TARGET_DEG <= edits.target_deg <= 180.0:
         raise UsageError(f"target {edits.target_deg:g}°: need an angle from {MIN_TARGET_DEG:g}° to 180°")
-    if edits.dip_deg is not None and not abs(edits.dip_deg) <= LARGEST_DIP_DEG:
+    if edits.dip_deg is not None and not abs(edits.dip_deg) <= MAX_DIP_DEG:
         raise UsageError(f"dip {edits.dip_deg:g}°: need −89° to 89°")
     for strength in () if edits.site is None else (edits.site.strength, edits.site.length):
         if strength is not None and not MIN_STRENGTH <= strength <= MAX_STRENGTH:

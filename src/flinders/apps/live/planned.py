@@ -17,7 +17,7 @@ from typing import Final
 import msgspec
 from msgspec import Struct
 
-from flinders.core.durations import duration
+from flinders.core.durations import duration_text
 from flinders.fitting.verdict import headline_of
 from flinders.simulate.bodies import BODIES
 from flinders.workflows.planning import plan
@@ -43,7 +43,9 @@ def planned_recording(body: str, noise: float | str) -> PlannedRecording:
     """Plan a recording of a body with a noise in µT, or with its unit; raises as `flinders.plan`."""
     planned = plan(body, noise=noise, alternatives=False)
     fit = planned.expected.fit
-    words = f"{duration(planned.seconds)} at {planned.recording.rate_hz:g} readings a second. {headline_of(fit).words}"
+    words = (
+        f"{duration_text(planned.seconds)} at {planned.recording.rate_hz:g} readings a second. {headline_of(fit).words}"
+    )
     return PlannedRecording(planned.body.name, planned.recording.noise, fit.verdict, words, tuple(planned.steps))
 
 

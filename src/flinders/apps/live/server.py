@@ -25,8 +25,18 @@ from starlette.websockets import WebSocketDisconnect
 
 from flinders.apps.live.access import Gate, Guard, Tokens, answer, shown_name
 from flinders.apps.live.hub import UPLOAD_BYTES, Hub, Page
-from flinders.apps.live.messages import LONGEST, Edits, Kept, Linked, Notice, Previous, encode, parse, readings_frame
-from flinders.core.files import reason
+from flinders.apps.live.messages import (
+    MAX_MESSAGE_BYTES,
+    Edits,
+    Kept,
+    Linked,
+    Notice,
+    Previous,
+    encode,
+    parse,
+    readings_frame,
+)
+from flinders.core.files import reason_and_remedy
 from flinders.core.units import MICROTESLA
 from flinders.errors import (
     FitError,
@@ -35,7 +45,7 @@ from flinders.errors import (
     NotSent,
     OutputError,
     UsageError,
-    fault_words,
+    bug_message,
 )
 from flinders.fitting.result import document_of
 from flinders.likelihood.site_field import Site
@@ -50,7 +60,7 @@ if TYPE_CHECKING:
     from starlette.types import ASGIApp
     from starlette.websockets import WebSocket
 
-    from flinders.apps.live.finished import Finished
+    from flinders.apps.live.finished import FinishedCalibration
     from flinders.apps.live.session_file import Log
     from flinders.core.calibration_file import ProvenanceRecord
 
@@ -64,14 +74,14 @@ SCRIPTS: Final[dict[str, tuple[str, tuple[str, ...]]]] = {
     "views/scene.js": ("static/views/scene.js", ("Scene",)),
 }
 """Scripts joined from a module and its imports: the module, and its exports."""
-PACKED: Final = (Middleware(GZipMiddleware, compresslevel=6),)
+COMPRESSION: Final = (Middleware(GZipMiddleware, compresslevel=6),)
 """Compression of the page, to 208 kB from 600: over 4 Mbit/s the page loads in 1.6 s instead of 2.1 s."""
 MAX_SILENCE_S: Final = 2.0  # Longest time between messages: a page treats a silent connection as lost
 JSON: Final = "application/json"
 MAX_PAGES: Final = 20
 MAX_NOISE_LETTERS: Final = 20  # Longest number that a page sends
 CALIBRATION_BYTES: Final = 1 << 20  # Largest calibration file, sent to each page; 100 times the usual size
-STALLED_S: Final = 10.0  # Longest time without data in an upload
+MAX_STALL_S: Final = 10.0  # Longest time without data in an upload
 
 
 @dataclass(slots=True)
@@ -82,7 +92,7 @@ class Uploads:
     reading: asyncio.Lock = field(default_factory=asyncio.Lock)
 
     @contextlib.contextmanager
-    def counting(self) -> Iterator[Callable[[int], int]]:
+    def count_bytes(self) -> Iterator[Callable[[int], int]]:
         """Yield a function that adds bytes of one upload and returns the total of all; subtract them at the end."""
         mine = 0
 
@@ -122,10 +132,10 @@ def application(
 
     routes = [
         *more,
-        Route("/", _index, middleware=PACKED),
+        Route("/", _index, middleware=COMPRESSION),
         WebSocketRoute("/socket", _socket),
-        Route("/page.json", _data, middleware=PACKED),
-        Route("/flinders.wasm", _engine, middleware=PACKED),
+        Route("/page.json", _data, middleware=COMPRESSION),
+        Route("/flinders.wasm", _engine, middleware=COMPRESSION),
         Route("/plan", _plan),
         Route("/finish", _finish, methods=["POST"]),
         Route("/calibration.json", _calibration),
@@ -135,9 +145,9 @@ def application(
         Route("/open", _open, methods=["POST"]),
         Route("/previous", _previous, methods=["POST"]),
         Route("/send", _send, methods=["POST"]),
-        *(Route(f"/static/{entry}", _script, middleware=PACKED) for entry in SCRIPTS),
-        Mount("/languages", StaticFiles(directory=LANGUAGES), middleware=PACKED),
-        Mount("/static", StaticFiles(directory=STATIC, packages=[LIBRARY], check_dir=False), middleware=PACKED),
+        *(Route(f"/static/{entry}", _script, middleware=COMPRESSION) for entry in SCRIPTS),
+        Mount("/languages", StaticFiles(directory=LANGUAGES), middleware=COMPRESSION),
+        Mount("/static", StaticFiles(directory=STATIC, packages=[LIBRARY], check_dir=False), middleware=COMPRESSION),
     ]
     handlers = dict.fromkeys((FlindersError, HTTPException, Exception), _on_error)
     app = Starlette(routes=routes, lifespan=lifespan, exception_handlers=handlers)
@@ -150,7 +160,7 @@ async def _on_error(_: Request, error: Exception) -> Response:
     if isinstance(error, HTTPException):
         return answer(error.detail, error.status_code, error.headers)
     if not isinstance(error, FlindersError):
-        return answer(fault_words(error), 500)
+        return answer(bug_message(error), 500)
     status = {2: 400, 5: 422}.get(error.exit_code, 409)
     return JSONResponse({"words": error.message, "code": error.code}, status_code=status)
 
@@ -182,7 +192,7 @@ async def _engine(_: Request) -> Response:
     from flinders.native import build
 
     try:
-        module = await asyncio.to_thread(build.library, target=build.WEB)
+        module = await asyncio.to_thread(build.library, target=build.WEB_PLATFORM)
     except build.NoCompiler as error:
         raise HTTPException(501, str(error)) from error
     return FileResponse(module, media_type="application/wasm")
@@ -227,12 +237,12 @@ async def _body(request: Request) -> bytes:
     body = b""
     async for chunk in _body_pieces(request, "the message"):
         body += chunk
-        if len(body) > LONGEST:
-            raise HTTPException(413, f"a message of more than {LONGEST:,} bytes")
+        if len(body) > MAX_MESSAGE_BYTES:
+            raise HTTPException(413, f"a message of more than {MAX_MESSAGE_BYTES:,} bytes")
     return body
 
 
-def _made(request: Request) -> Finished:
+def _made(request: Request) -> FinishedCalibration:
     """Return the calibration that a request names."""
     hub: Hub = request.app.state.hub
     made = hub.finished.get(request.query_params.get("of", ""))
@@ -271,7 +281,7 @@ async def _report(request: Request) -> Response:
     return _download(text.encode(), "report.html", "text/html; charset=utf-8")
 
 
-def _provenance(finished: Finished) -> ProvenanceRecord:
+def _provenance(finished: FinishedCalibration) -> ProvenanceRecord:
     """Return release, time and source file of a calibration."""
     from flinders.core.calibration_file import ProvenanceRecord
 
@@ -370,7 +380,7 @@ async def _save_upload(request: Request, most: int, advice: str) -> AsyncIterato
     """Yield a temporary copy of a file that was dropped on the page, and its name; the copy is deleted afterwards."""
     name = shown_name(request.query_params.get("name", ""))
     uploads: Uploads = request.app.state.uploads
-    with tempfile.TemporaryDirectory(prefix="flinders-") as folder, uploads.counting() as count:
+    with tempfile.TemporaryDirectory(prefix="flinders-") as folder, uploads.count_bytes() as count:
         path = Path(folder) / f"dropped-{secrets.token_hex(4)}"
         try:
             with path.open("wb") as file:
@@ -381,7 +391,7 @@ async def _save_upload(request: Request, most: int, advice: str) -> AsyncIterato
                         raise HTTPException(503, f"other uploads are in progress: drop {name} again in a moment")
                     file.write(chunk)
         except OSError as error:
-            raise OutputError(f"a temporary copy of the file cannot be written: {reason(error)}") from None
+            raise OutputError(f"a temporary copy of the file cannot be written: {reason_and_remedy(error)}") from None
         yield path, name
 
 
@@ -390,12 +400,12 @@ async def _body_pieces(request: Request, name: str) -> AsyncIterator[bytes]:
     chunks = request.stream()
     while True:
         try:
-            async with asyncio.timeout(STALLED_S):
+            async with asyncio.timeout(MAX_STALL_S):
                 chunk = await anext(chunks)
         except StopAsyncIteration:
             return
         except TimeoutError:
-            words = f"no data of {name} arrived for {STALLED_S:g} s: send it again"
+            words = f"no data of {name} arrived for {MAX_STALL_S:g} s: send it again"
             raise HTTPException(408, words, {"Connection": "close"}) from None
         yield chunk
 
@@ -425,7 +435,7 @@ async def _socket(socket: WebSocket) -> None:
         await socket.close(1013, f"{MAX_PAGES} pages are open: close one")
         return
     page = Page()
-    hub.welcomed(page)
+    hub.add_page(page)
     telling = asyncio.get_running_loop().create_task(_send_messages(socket, hub, page))
     try:
         await _receive_messages(socket, hub, page)
@@ -448,8 +458,8 @@ async def _receive_messages(socket: WebSocket, hub: Hub, page: Page) -> None:
         try:
             _process_message(hub, message.get("text"))
         except FlindersError as error:
-            page.tell(Notice("error", error.message))
-            page.tell(Kept(hub.edits, page.heard))
+            page.queue_message(Notice("error", error.message))
+            page.queue_message(Kept(hub.edits, page.heard))
 
 
 def _process_message(hub: Hub, text: str | None) -> None:

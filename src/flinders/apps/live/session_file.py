@@ -26,12 +26,12 @@ import numpy as np
 from flinders.apps.live.buffer import ReadingBuffer, Timeline, rows_of
 from flinders.apps.live.messages import Edits, encode, parse
 from flinders.core.axes import Axes
-from flinders.core.files import free_path, reason
-from flinders.core.samples import Wrapped, frame_of
+from flinders.core.files import free_path, reason_and_remedy
+from flinders.core.samples import RecordingWrapper, frame_of
 from flinders.core.units import MICROTESLA, Unit
-from flinders.errors import OutputError, UsageError, counted
+from flinders.errors import OutputError, UsageError, count_text
 from flinders.likelihood.site_field import recorded_site
-from flinders.links.recorder import Patient, Resumed, ToFile
+from flinders.links.recorder import FileSink, ResumedRecording, RetryingSink
 from flinders.readers import open_recording
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 FOLDER: Final = "flinders-sessions"
 PREFIX: Final = "# flinders live: "
-FIRST_TARGET: Final = "arduino"
+DEFAULT_TARGET: Final = "arduino"
 """Default export target, unless readings come from an autopilot."""
 
 
@@ -73,10 +73,10 @@ def read_edits(path: str | os.PathLike[str]) -> Edits:
         with Path(path).open(encoding="utf-8", errors="replace") as file:
             return edits_in(file)
     except OSError as error:
-        raise OutputError(f"{path}: cannot be continued: {reason(error)}") from None
+        raise OutputError(f"{path}: cannot be continued: {reason_and_remedy(error)}") from None
 
 
-def left_out(edits: Edits) -> tuple[Span, ...]:
+def excluded_spans(edits: Edits) -> tuple[Span, ...]:
     """Spans of time that a calibration leaves out, s."""
     paused = () if edits.paused_s is None else ((edits.paused_s, math.inf),)
     before = () if edits.begun_s is None else ((-math.inf, edits.begun_s),)
@@ -115,7 +115,7 @@ class Source:
     reading: dict[str, Any] = field(default_factory=dict)
     board: ByteSource | None = None  # board that can receive a calibration
     site: Site | None = None  # field at the place of a log that is played back
-    target: str = FIRST_TARGET  # default export target
+    target: str = DEFAULT_TARGET  # default export target
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,11 +132,11 @@ class Supply:
     edits: Edits = field(default_factory=Edits)
     log: Log = field(default_factory=lambda: Log(ReadingBuffer.empty()))
     timeline: Timeline = field(default_factory=Timeline)
-    target: str = FIRST_TARGET
+    target: str = DEFAULT_TARGET
 
 
 @contextlib.contextmanager
-def begun(
+def open_session(
     source: Source, axes: Axes, *, output: str | None = None, resume: str | None = None, say: Callable[[str], object]
 ) -> Iterator[Supply]:
     """Begin a session, or continue the one in a file, and close its file at the end.
@@ -151,18 +151,18 @@ def begun(
     InputError
         If the file of an earlier session cannot be read.
     """
-    resumed = None if resume is None else Resumed.of(resume)
+    resumed = None if resume is None else ResumedRecording.of(resume)
     edits = Edits() if resume is None else read_edits(resume)
     edits = msgspec.structs.replace(edits, site=source.site or edits.site)
     path = Path(resume or output or default_path(datetime.now(UTC)))
     reading = {**source.reading, "axes": str(axes)}
-    with contextlib.closing(Patient(ToFile(path, resume=resume is not None), say)) as sink:
+    with contextlib.closing(RetryingSink(FileSink(path, resume=resume is not None), say)) as sink:
         log, timeline = Log(ReadingBuffer.empty(), axes=axes), Timeline()
         if resumed is not None and resumed.header is not None:
-            before = left_out(Edits(begun_s=edits.begun_s))
+            before = excluded_spans(Edits(begun_s=edits.begun_s))
             log, _, timeline = load(path, path.name, before, **reading)
             edits = _close_pause(edits, log.buffer.seconds)
-            say(f"{path}: continues after {counted(log.buffer.total, 'reading')}")
+            say(f"{path}: continues after {count_text(log.buffer.total, 'reading')}")
         feed = source.start(sink, resumed=resumed)
         yield Supply(feed, source.kind, sink, path, axes, source.board, reading, edits, log, timeline, source.target)
 
@@ -185,13 +185,13 @@ def default_path(now: datetime, folder: str = FOLDER) -> Path:
         path.mkdir(exist_ok=True)
     except OSError as error:
         raise OutputError(
-            f"{folder}: cannot be created: {reason(error)}; give the recording another place with --output"
+            f"{folder}: cannot be created: {reason_and_remedy(error)}; give the recording another place with --output"
         ) from None
     return free_path(path / f"{now.astimezone():%Y-%m-%d_%H-%M-%S}.csv")
 
 
 @dataclass(slots=True, eq=False)
-class TrimmedRecording(Wrapped):
+class TrimmedRecording(RecordingWrapper):
     """A recording on the timeline of its session, without some spans of time; ends belong to the spans.
 
     `timeline` is the state after the last pass; without times, the numbers of the readings serve as times.
@@ -232,11 +232,11 @@ def load(path: Path, name: str, spans: tuple[Span, ...] = (), **reading: Any) ->
     trimmed = TrimmedRecording(recording, spans)
     buffer = ReadingBuffer.empty()
     for block in trimmed.blocks():
-        buffer = buffer.extended(rows_of(block))
+        buffer = buffer.with_rows(rows_of(block))
     words = str(recording).replace(str(path), name).replace(path.name, name)
     words = words if words.startswith(name) else f"{name}: {words}"
     unit = getattr(recording, "unit", Unit.of())
     site, of_site = recorded_site(recording, z_down=not recording.axes.is_identity) or (None, "")
     log = Log(buffer, unit, recording.axes, frame_of(recording), trimmed.is_timed, site)
-    said = "; ".join(filter(None, (words, counted(buffer.total, "reading"), of_site)))
+    said = "; ".join(filter(None, (words, count_text(buffer.total, "reading"), of_site)))
     return log, said, trimmed.timeline

@@ -24,8 +24,8 @@ from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.geometry.rotation import rotations
 from flinders.links.feeds import FeedEvent, Received, Replay
-from flinders.simulate import Imu, Sensor, hand_tumble, north_and_down, seen_from, specific_force
-from flinders.simulate.attitudes import integrated, random_attitude
+from flinders.simulate import Imu, Sensor, hand_tumble, in_body_axes, north_and_down, specific_force
+from flinders.simulate.attitudes import integrate_steps, random_attitude
 from flinders.simulate.motions import Trajectory
 
 if TYPE_CHECKING:
@@ -38,15 +38,15 @@ if TYPE_CHECKING:
 RATE_HZ: Final = 50.0
 FIELD_UT: Final = 50.0
 DIP_DEG: Final = 60.0
-ROCKED_S: Final = 16.0
+ROCKING_S: Final = 16.0
 ROCKING: Final = ((0.5, 0.25), (0.4, 0.375), (0.0, 0.0))
 """Amplitude, rad/s, and frequency, Hz, of the rate about each axis while rocking, by about ±20°."""
 TUMBLE_S: Final = 60.0
 TUMBLE_RADPS: Final = 0.8
 """Turn rate of a slow hand."""
-SAID: Final = (
+COMMENTS: Final = (
     (4.0, "the simulated hand only rocks the sensor, a common mistake: most directions of the sphere stay unknown"),
-    (ROCKED_S, "now it turns the sensor over, through all directions: the error falls"),
+    (ROCKING_S, "now it turns the sensor over, through all directions: the error falls"),
 )
 """Times of the simulation, s, and comments to show then."""
 
@@ -84,9 +84,9 @@ class SimulatedFeed(Replay):
     ) -> None:
         of_sensor, of_motion, noise = np.random.default_rng(seed).spawn(3)
         self.sensor = Sensor.random(of_sensor)
-        path = rocked_and_turned(of_motion)
+        path = rocking_then_tumble(of_motion)
         super().__init__(_EndlessTumble(self.sensor, path, noise), speed=speed, clock=clock, sleep=sleep)
-        self._said = list(SAID)
+        self._said = list(COMMENTS)
         self._reached_s = 0.0
 
     @property
@@ -103,13 +103,13 @@ class SimulatedFeed(Replay):
         return received
 
 
-def rocked_and_turned(rng: Generator) -> Trajectory:
-    """Rock a body for `ROCKED_S`, and tumble it for `TUMBLE_S`."""
-    time: Floats = np.arange(round(ROCKED_S * RATE_HZ)) / RATE_HZ
+def rocking_then_tumble(rng: Generator) -> Trajectory:
+    """Rock a body for `ROCKING_S`, and tumble it for `TUMBLE_S`."""
+    time: Floats = np.arange(round(ROCKING_S * RATE_HZ)) / RATE_HZ
     rocking = np.stack([amplitude * np.cos(2.0 * np.pi * hertz * time) for amplitude, hertz in ROCKING], axis=1)
     tumbling = hand_tumble(rng, seconds=TUMBLE_S, rate_hz=RATE_HZ, speed=TUMBLE_RADPS)
     rate = np.concatenate([rocking, tumbling.rate])
-    attitudes = integrated(random_attitude(rng), rotations(rate / RATE_HZ))
+    attitudes = integrate_steps(random_attitude(rng), rotations(rate / RATE_HZ))
     return Trajectory(np.arange(len(rate)) / RATE_HZ, attitudes, rate)
 
 
@@ -129,7 +129,7 @@ class _EndlessTumble:
         for turn in itertools.count():
             sign = -1 if turn % 2 else 1
             attitudes, rate = self.path.attitudes[::sign], sign * self.path.rate[::sign]
-            field = FIELD_UT * seen_from(attitudes, north_and_down(DIP_DEG))
+            field = FIELD_UT * in_body_axes(attitudes, north_and_down(DIP_DEG))
             yield Samples.of(
                 self.sensor.read(field, self.noise),
                 unit=self.unit,

@@ -8,7 +8,7 @@ After that its reader unpacks it, as for the command line, which has no limit.
 >>> path = Path(tempfile.mkdtemp()) / "log.csv.gz"
 >>> _ = path.write_bytes(gzip.compress(b"1,2,3\n" * 1000))
 >>> with path.open("rb") as file:
-...     sum(map(len, unpacked(file)))
+...     sum(map(len, unpack(file)))
 6000
 >>> refuse_large(path, "log.csv.gz")
 """
@@ -28,10 +28,10 @@ from starlette.responses import StreamingResponse
 
 from flinders.apps.live.session_file import load
 from flinders.errors import UnreadableInput
-from flinders.readers._source import CHUNK, GZIP
-from flinders.readers._tokenizer import shown
-from flinders.readers.arrays import MOST_MEMBERS, ZIP
-from flinders.readers.matlab import MAT, inflated
+from flinders.readers._source import CHUNK_BYTES, GZIP
+from flinders.readers._tokenizer import shorten
+from flinders.readers.arrays import MAX_MEMBERS, ZIP
+from flinders.readers.matlab import MAT, inflate
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -65,7 +65,7 @@ def refuse_large(path: Path, name: str) -> None:
     """
     size = 0
     with path.open("rb") as file:
-        for piece in unpacked(file):
+        for piece in unpack(file):
             size += len(piece)
             if size > UNPACKED_BYTES:
                 raise UnreadableInput(
@@ -74,7 +74,7 @@ def refuse_large(path: Path, name: str) -> None:
                 )
 
 
-def unpacked(file: IO[bytes], layers: int = MAX_LAYERS) -> Iterator[bytes]:
+def unpack(file: IO[bytes], layers: int = MAX_LAYERS) -> Iterator[bytes]:
     """Yield the unpacked content of a file in pieces, and that of nested compressions; nothing for a plain file."""
     for pieces in map(_valid_pieces, _packed_files(file)):
         first = next(pieces, b"")
@@ -98,7 +98,7 @@ def _unpack_nested(first: bytes, pieces: Iterator[bytes], layers: int) -> Iterat
         for piece in pieces:
             inner.write(piece)
             yield piece
-        yield from unpacked(inner, layers)
+        yield from unpack(inner, layers)
 
 
 def _packed_files(file: IO[bytes]) -> Iterator[Iterator[bytes]]:
@@ -114,17 +114,17 @@ def _packed_files(file: IO[bytes]) -> Iterator[Iterator[bytes]]:
     elif start.startswith(ZIP):
         yield from _members(file)
     elif start.startswith(MAT):
-        yield inflated(file)
+        yield inflate(file)
 
 
 def _members(file: IO[bytes]) -> Iterator[Iterator[bytes]]:
     """Yield the pieces of each member of an archive, as `_packed_files`; none of a damaged archive."""
     with contextlib.suppress(zipfile.BadZipFile, NotImplementedError), zipfile.ZipFile(file) as archive:
         members = [member for member in archive.infolist() if not member.is_dir()]
-        for member in members[:MOST_MEMBERS]:
+        for member in members[:MAX_MEMBERS]:
             if member.compress_type not in PACKINGS:
                 raise UnreadableInput(
-                    f"{shown(member.filename)} has an unusual compression: create the archive again with deflate"
+                    f"{shorten(member.filename)} has an unusual compression: create the archive again with deflate"
                 )
             yield _pieces(partial(archive.open, member))
 
@@ -132,7 +132,7 @@ def _members(file: IO[bytes]) -> Iterator[Iterator[bytes]]:
 def _pieces(opened: Callable[[], gzip.GzipFile | IO[bytes]]) -> Iterator[bytes]:
     """Open a compressed file, and yield its unpacked content in pieces."""
     with opened() as stream:
-        yield from iter(partial(stream.read, CHUNK), b"")
+        yield from iter(partial(stream.read, CHUNK_BYTES), b"")
 
 
 def snapshot(path: Path) -> StreamingResponse:
@@ -161,6 +161,6 @@ def _whole_lines(file: IO[bytes]) -> int:
 def _first_bytes(path: Path, size: int) -> Iterator[bytes]:
     """Yield the first bytes of a file, in pieces."""
     with path.open("rb") as file:
-        while piece := file.read(min(CHUNK, size)):
+        while piece := file.read(min(CHUNK_BYTES, size)):
             size -= len(piece)
             yield piece

@@ -22,7 +22,7 @@ Speed and course alone are used to renew a calibration under way, with the readi
 ...                    '{"path":"navigation.speedOverGround","value":5}'])
 >>> _ = file.write_text("".join(line % (second, course) for second in range(9)))
 >>> courses = read_courses(file)
->>> print(courses.by_clock(1780308000.0).time[:3], courses.velocity.values[0].round(2))
+>>> print(courses.velocity_on_clock(1780308000.0).time[:3], courses.velocity.values[0].round(2))
 [0. 1. 2.] [2.7  4.21]
 """
 
@@ -35,9 +35,9 @@ from typing import TYPE_CHECKING, Final, Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from flinders.apps.marine import nmea0183, nmea2000, signalk
-from flinders.core.geomag import site_field, year_of
+from flinders.core.geomag import decimal_year, site_field
 from flinders.errors import UnreadableInput, UsageError
-from flinders.geometry.angles import folded, wrapped
+from flinders.geometry.angles import wrap_180, wrap_360
 from flinders.readers._foreign_files import is_binary
 from flinders.readers._lines import encoding_of
 from flinders.readers._log import Position
@@ -99,7 +99,7 @@ class CompassLog:
                 f"{self.source} has no {missing}: give the place and day of the swing", hint={"site": None}
             )
         latitude_deg, longitude_deg = self.place
-        return site_field(round(latitude_deg, 4), round(longitude_deg, 4), year=year_of(self.day))
+        return site_field(round(latitude_deg, 4), round(longitude_deg, 4), year=decimal_year(self.day))
 
 
 def is_compass_log(path: str | os.PathLike[str]) -> bool:
@@ -136,7 +136,7 @@ def read_compass_log(path: str | os.PathLike[str], reference: Reference = "auto"
         source.name,
         f"{name}; {len(time):,} headings of the compass ({compass.source}), {chosen.words} ({chosen.source})",
         time,
-        wrapped(headings),
+        wrap_360(headings),
         chosen.at(time),
         np.full(len(time), np.nan) if speed is None else _interpolate(time, speed.time, speed.value),
         chosen.kind == "course",
@@ -155,7 +155,7 @@ class CourseLog:
     position: Position | None
     begun: datetime | None
 
-    def by_clock(self, start: float) -> TimeSeries:
+    def velocity_on_clock(self, start: float) -> TimeSeries:
         """Velocity with times on a clock that starts at `start`, in s since 1970."""
         return replace(self.velocity, time=self.velocity.time - start)
 
@@ -219,7 +219,7 @@ class _Stream(NamedTuple):
     def at(self, time: Floats) -> Floats:
         """Angles at other times, in [0, 360); NaN in gaps between messages."""
         around = np.rad2deg(np.unwrap(np.deg2rad(self.value)))
-        return wrapped(_interpolate(time, self.time, around))
+        return wrap_360(_interpolate(time, self.time, around))
 
 
 @dataclass(frozen=True, slots=True)
@@ -283,7 +283,7 @@ def _is_derived(heading: _Stream, compass: _Stream) -> bool:
 
 def _scatter_deg(angles_deg: Floats) -> float:
     """Standard deviation of angles about their median."""
-    return float(np.std(folded(angles_deg - np.median(angles_deg))))
+    return float(np.std(wrap_180(angles_deg - np.median(angles_deg))))
 
 
 def _interpolate(time: Floats, known: Floats, value: Floats) -> Floats:

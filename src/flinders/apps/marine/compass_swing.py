@@ -24,14 +24,14 @@ import numpy as np
 from flinders.apps.marine.compass_log import CompassLog, is_compass_log, read_compass_log
 from flinders.apps.marine.compensation import compensation
 from flinders.apps.marine.deviation import common_error, conformity, fit
-from flinders.apps.marine.legs import CRAB_DEG, LEG_S, SLOWEST, legs, turning
+from flinders.apps.marine.legs import CRAB_DEG, MIN_LEG_S, MIN_SPEED_M_S, legs, turn_readings
 from flinders.apps.marine.standards import STANDARDS
 from flinders.apps.marine.swing_recording import SwingRecording, read_rests
 from flinders.apps.marine.swing_result import Swing
 from flinders.apps.marine.swing_table import SwingTable, read_swing
-from flinders.core.keywords import spell_checked
+from flinders.core.keywords import check_keywords
 from flinders.errors import FitError, FlindersError, InputError, UsageError, did_you_mean
-from flinders.geometry.angles import wrapped
+from flinders.geometry.angles import wrap_360
 from flinders.heading.stationary import Rest, half_turns
 from flinders.readers import open_recording
 
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 Kind: TypeAlias = Literal["table", "boat", "recording"]
 
 
-@spell_checked()
+@check_keywords()
 def swing(
     source: AnySwing,
     calibration: AnyCalibration | None = None,
@@ -61,7 +61,7 @@ def swing(
     sigma_deg: float | None = None,
     stationary_s: float | None = None,
     level: bool = False,
-    min_speed: float = SLOWEST,
+    min_speed: float = MIN_SPEED_M_S,
     crab_deg: float = CRAB_DEG,
     target_deg: float = 1.0,
     rule: Standard | str | None = None,
@@ -124,12 +124,12 @@ def swing(
         found = _of_table(opened, site, sigma_deg)
     else:
         _refuse(opened.source, headings_deg=headings_deg, sigma_deg=sigma_deg)
-        limits = {"least_s": LEG_S if stationary_s is None else stationary_s, "slowest": min_speed}
+        limits = {"least_s": MIN_LEG_S if stationary_s is None else stationary_s, "slowest": min_speed}
         found = _of_boat(opened, site or opened.site(), {**limits, "crab_deg": crab_deg})
     if found.deviation is None:
         _refuse(f"{opened.source}, without known headings,", limit_deg=limit_deg, before=before)
         return replace(found, target_deg=target_deg, rule=standard)
-    curve = found.deviation.widened(common_error(base_error_deg))
+    curve = found.deviation.widen(common_error(base_error_deg))
     limit_deg = standard.limit_deg if limit_deg is None and standard is not None else limit_deg
     return replace(
         found,
@@ -225,14 +225,14 @@ def _of_table(table: SwingTable, site: SiteField | None, sigma_deg: float | None
 
 def _of_boat(log: CompassLog, site: SiteField, limits: Mapping[str, float]) -> Swing:
     """Swing from the straight legs of a log; if they are too few and the reference is a heading, from its turns."""
-    magnetic = wrapped(log.reference_deg - site.declination_deg)
+    magnetic = wrap_360(log.reference_deg - site.declination_deg)
     try:
         logged = legs(log.time, log.compass_deg, magnetic, log.speed, is_course=log.is_course, **limits)
     except FitError:
         if log.is_course:
             raise
-        logged = turning(log.time, log.compass_deg, magnetic)
-    curve = fit(logged.compass_deg, logged.deviation_deg, sigma_deg=logged.sigma_deg).widened(logged.common_covariance)
+        logged = turn_readings(log.time, log.compass_deg, magnetic)
+    curve = fit(logged.compass_deg, logged.deviation_deg, sigma_deg=logged.sigma_deg).widen(logged.common_covariance)
     has_headings = logged.is_steady and not log.is_course
     compass, deviations = logged.compass_deg, logged.deviation_deg
     halves = _half_turns(compass, compass + deviations, logged.sigma_deg) if has_headings else ()
@@ -246,13 +246,13 @@ def _of_recording(
     halves = recording.half_turns()
     if headings_deg is None and not halves:
         raise FitError(
-            f"no turn by 180° in {recording.source}, {recording.listed()}: rest on a heading, turn by 180°, rest "
+            f"no turn by 180° in {recording.source}, {recording.rest_words()}: rest on a heading, turn by 180°, rest "
             "again; or name the known headings",
             hint={"headings_deg": None},
             rests=len(recording.rests),
         )
     curve = None if headings_deg is None else recording.deviation(headings_deg, site=site, sigma_deg=sigma_deg)
-    expected, doubts = recording.expected(), recording.doubts
+    expected, doubts = recording.expected_deviation(), recording.doubts
     return Swing(curve, site=site, rests=recording.rests, halves=halves, expected=expected, doubts=doubts)
 
 

@@ -22,9 +22,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.arrays import column, floats
+from flinders.arrays import check_column, to_floats
 from flinders.errors import FitError
-from flinders.geometry.angles import folded, wrapped
+from flinders.geometry.angles import wrap_180, wrap_360
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -46,7 +46,7 @@ class Corrector:
     @property
     def change_deg(self) -> float:
         """Change of the reading by the corrector, in degrees."""
-        return float(folded(self.make_deg - self.compass_deg))
+        return float(wrap_180(self.make_deg - self.compass_deg))
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
@@ -84,16 +84,16 @@ def compensation(compass_deg: ArrayLike, deviation_deg: ArrayLike) -> Compensati
     compass_deg, deviation_deg : (N,) degrees
         Headings by the compass, and magnetic less compass heading there.
     """
-    compass = np.atleast_1d(floats(compass_deg, "compass_deg"))
-    deviations = folded(column(deviation_deg, len(compass), "deviation_deg"))
-    apart = folded((compass + deviations)[:, np.newaxis] - 90.0 * np.arange(4))
+    compass = np.atleast_1d(to_floats(compass_deg, "compass_deg"))
+    deviations = wrap_180(check_column(deviation_deg, len(compass), "deviation_deg"))
+    apart = wrap_180((compass + deviations)[:, np.newaxis] - 90.0 * np.arange(4))
     nearest = np.abs(apart).argmin(axis=0)
     _refuse_missing(np.abs(apart).min(axis=0).tolist())
     north, east, south, west = deviations[nearest].tolist()
     b, c = (east - west) / 2.0, (north - south) / 2.0
     changes = (c, b, -c, -b)
     rows = tuple(
-        Corrector(name, read, float(wrapped(read + change)), deviation - change)
+        Corrector(name, read, float(wrap_360(read + change)), deviation - change)
         for name, read, deviation, change in zip(
             CARDINALS, compass[nearest].tolist(), deviations[nearest].tolist(), changes, strict=True
         )

@@ -21,11 +21,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.arrays import column, floats, refuse_gaps
-from flinders.errors import ArrayError, FitError, UsageError, counted
-from flinders.geometry.angles import folded, wrapped
+from flinders.arrays import check_column, refuse_nonfinite, to_floats
+from flinders.errors import ArrayError, FitError, UsageError, count_text
+from flinders.geometry.angles import wrap_180, wrap_360
 from flinders.heading.harmonics import design
-from flinders.summary.pooling import chance_of, chi_square_of
+from flinders.summary.pooling import chi_square_of, p_value_of
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -33,15 +33,15 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 NAMES: Final = "ABCDE"
-LEAST: Final = 5
+MIN_HEADINGS: Final = 5
 """Smallest number of headings for five coefficients."""
 MARGIN_SIGMAS: Final = 2.0
 """Standard deviations by which a curve has to be within a limit."""
-ADVISED: Final = 8
+ADVISED_HEADINGS: Final = 8
 """Number of headings that a swing should have."""
-LARGE_DEG: Final = 15.0
+LARGE_DEVIATION_DEG: Final = 15.0
 """Deviation beyond which the small-angle formula is inaccurate."""
-WIDEST_GAP_DEG: Final = 120.0
+MAX_GAP_DEG: Final = 120.0
 """Largest gap between neighbouring headings in which the curve is determined."""
 MAX_ARC_GAP_DEG: Final = 180.0
 """Largest gap between neighbouring headings of a swing; with a wider one, coefficients are not determined."""
@@ -53,7 +53,7 @@ MAX_POINT_ERROR_DEG: Final = 1.0
 """Largest distance of headings from the cardinal and intercardinal points for the eight-point formulas."""
 CARD_STEP_DEG: Final = 15.0
 """Default step of a card."""
-CHANCE: Final = 1e-3
+CONTRADICTION_PROBABILITY: Final = 1e-3
 """Probability of a swing below which it contradicts its calibration."""
 
 
@@ -98,7 +98,7 @@ class Deviation:
 
     def magnetic(self, compass_deg: ArrayLike) -> Floats:
         """Magnetic headings in [0, 360) for compass headings."""
-        return wrapped(floats(compass_deg, "compass_deg") + self.at(compass_deg))
+        return wrap_360(to_floats(compass_deg, "compass_deg") + self.at(compass_deg))
 
     def compass(self, magnetic_deg: ArrayLike) -> Floats:
         """Compass headings in [0, 360) to steer for magnetic ones: the inverse of `magnetic`, to 1e-6°.
@@ -109,16 +109,16 @@ class Deviation:
 
         Raises `FitError` if deviations are so large that two compass headings give the same magnetic heading.
         """
-        wanted = floats(magnetic_deg, "magnetic_deg")
+        wanted = to_floats(magnetic_deg, "magnetic_deg")
         if not self.is_one_to_one:
             raise FitError("deviation changes faster than the heading: one magnetic heading has several by compass")
         heading = wanted - self.at(wanted)
         for _ in range(200):
-            step = folded(wanted - heading - self.at(heading))
+            step = wrap_180(wanted - heading - self.at(heading))
             heading = heading + step
             if np.abs(step).max(initial=0.0) < 1e-9:
                 break
-        return wrapped(heading)
+        return wrap_360(heading)
 
     @property
     def is_one_to_one(self) -> bool:
@@ -137,15 +137,15 @@ class Deviation:
         return _widest_gap_deg(self.compass_deg)
 
     @property
-    def eight(self) -> Floats | None:
+    def eight_point_coefficients(self) -> Floats | None:
         """The eight-point coefficients if the swing was made on exactly these points, else None."""
         places = np.round(self.compass_deg / 45.0).astype(int) % 8
-        near = np.abs(folded(self.compass_deg - 45.0 * places)) <= MAX_POINT_ERROR_DEG
+        near = np.abs(wrap_180(self.compass_deg - 45.0 * places)) <= MAX_POINT_ERROR_DEG
         if len(places) != 8 or not near.all() or len(set(places.tolist())) != 8:
             return None
         return eight_points(self.observed_deg[np.argsort(places)])
 
-    def widened(self, covariance: ArrayLike) -> Deviation:
+    def widen(self, covariance: ArrayLike) -> Deviation:
         """Curve with the covariance of a common error of all headings added: (5, 5) degrees² of A to E.
 
         Residuals do not contain a common error, such as that of the compass base, which is an error of A. A curve
@@ -154,7 +154,7 @@ class Deviation:
         return (
             self
             if self.covariance is None
-            else replace(self, covariance=self.covariance + floats(covariance, "covariance"))
+            else replace(self, covariance=self.covariance + to_floats(covariance, "covariance"))
         )
 
     def card(self, step_deg: float = CARD_STEP_DEG) -> tuple[Floats, Floats, Floats | None]:
@@ -177,7 +177,9 @@ class Deviation:
             "sigma_deg": None if self.sigmas_deg is None else dict(zip(NAMES, self.sigmas_deg.tolist(), strict=True)),
             "covariance": None if self.covariance is None else self.covariance.tolist(),
             # A to E by the classic analysis of eight headings 45° apart; None for other headings
-            "eight_points_deg": None if self.eight is None else dict(zip(NAMES, self.eight.tolist(), strict=True)),
+            "eight_points_deg": None
+            if self.eight_point_coefficients is None
+            else dict(zip(NAMES, self.eight_point_coefficients.tolist(), strict=True)),
             "headings": len(self.compass_deg),  # number of observed headings
             "freedom": self.freedom,
             "observation_sigma_deg": self.sigma_deg,  # 1 σ of one observation about the curve, or its given 1 σ
@@ -223,7 +225,7 @@ class Expected:
         freedom of Welch and Satterthwaite.
 
         >>> swing = fit(range(0, 360, 45), [1.1, 0.8, 0.1, -0.6, -1.0, -0.8, 0.1, 0.6], sigma_deg=0.2)   # C is 1.0°
-        >>> [Expected(sigma**2 * np.eye(4), 60.0, "given").chance(swing)[2] > CHANCE for sigma in (0.5, 0.05)]
+        >>> [Expected(sigma**2 * np.eye(4), 60.0, "given").chance(swing)[2] > CONTRADICTION_PROBABILITY for sigma in (0.5, 0.05)]
         [True, False]
         """
         if deviation.covariance is None:
@@ -233,7 +235,7 @@ class Expected:
         along = np.linalg.pinv(own + self.covariance, hermitian=True) @ rms
         share = float(along @ own @ along) / square if deviation.chi_square is None and square > 0.0 else 0.0
         others = deviation.freedom / share**2 if share > 0.0 else math.inf
-        return square, freedom, chance_of(square, freedom, others)
+        return square, freedom, p_value_of(square, freedom, others)
 
     def as_dict(self, deviation: Deviation | None) -> dict[str, Any]:
         """JSON-ready fields, with a comparison with a swing if there is one."""
@@ -272,8 +274,8 @@ def fit(compass_deg: ArrayLike, deviation_deg: ArrayLike, *, sigma_deg: ArrayLik
     -----
     With headings all round in equal steps A is the mean, and B, C, D and E are twice the means of δ sin ζ … cos 2ζ.
     """
-    headings = wrapped(_finite_list(compass_deg, "compass_deg"))
-    deviations = folded(column(_finite_list(deviation_deg, "deviation_deg"), len(headings), "deviation_deg"))
+    headings = wrap_360(_finite_list(compass_deg, "compass_deg"))
+    deviations = wrap_180(check_column(_finite_list(deviation_deg, "deviation_deg"), len(headings), "deviation_deg"))
     _refuse_few(headings)
     _refuse_an_arc(headings)
     sigma = _sigmas(1.0 if sigma_deg is None else sigma_deg, len(headings))
@@ -316,8 +318,8 @@ def eight_points(deviation_deg: ArrayLike) -> Floats:
 
     Raises `ArrayError` unless there are eight.
     """
-    values = column(deviation_deg, 8, "deviation_deg")
-    refuse_gaps(values, "deviation_deg")
+    values = check_column(deviation_deg, 8, "deviation_deg")
+    refuse_nonfinite(values, "deviation_deg")
     n, ne, e, se, s, sw, w, nw = values
     return np.array(
         [values.mean(), (e - w) / 2.0, (n - s) / 2.0, ((ne + sw) - (se + nw)) / 4.0, ((n + s) - (e + w)) / 4.0]
@@ -335,17 +337,17 @@ def eight_points_sigma(sigma_deg: float) -> Floats:
 
 def _finite_list(values: ArrayLike, name: str) -> Floats:
     """(N,) finite numbers; raises `ArrayError` for other values."""
-    array = floats(values, name)
+    array = to_floats(values, name)
     if array.ndim != 1:
         raise ArrayError(f"{name} has shape {array.shape}: need (N,), one value a heading")
-    refuse_gaps(array, name)
+    refuse_nonfinite(array, name)
     return array
 
 
 def _sigmas(sigma_deg: ArrayLike, count: int) -> Floats:
     """(N,) positive standard deviations, from one for all or one for each heading; raises `ArrayError`."""
-    given = floats(sigma_deg, "sigma_deg")
-    sigma = np.full(count, float(given)) if given.ndim == 0 else column(given, count, "sigma_deg")
+    given = to_floats(sigma_deg, "sigma_deg")
+    sigma = np.full(count, float(given)) if given.ndim == 0 else check_column(given, count, "sigma_deg")
     wrong = sigma[~(np.isfinite(sigma) & (sigma > 0.0))]
     if len(wrong):
         raise ArrayError(f"sigma_deg is {wrong[0]:g} somewhere: need positive numbers of degrees")
@@ -356,16 +358,16 @@ def _refuse_few(headings: Floats) -> None:
     """Refuse a swing with too few different headings for five coefficients."""
     different: list[float] = []
     for heading in headings.tolist():
-        if len(different) < LEAST and all(
-            abs(float(folded(heading - other))) >= MIN_SEPARATION_DEG for other in different
+        if len(different) < MIN_HEADINGS and all(
+            abs(float(wrap_180(heading - other))) >= MIN_SEPARATION_DEG for other in different
         ):
             different.append(heading)
-    if len(different) < LEAST:
+    if len(different) < MIN_HEADINGS:
         raise FitError(
-            f"{counted(len(different), 'different heading')}, and five coefficients need at least {LEAST}: "
-            f"steady the vehicle on {ADVISED} headings all round, each 45° from the last",
+            f"{count_text(len(different), 'different heading')}, and five coefficients need at least {MIN_HEADINGS}: "
+            f"steady the vehicle on {ADVISED_HEADINGS} headings all round, each 45° from the last",
             found=len(different),
-            needed=LEAST,
+            needed=MIN_HEADINGS,
         )
 
 
@@ -375,7 +377,7 @@ def _refuse_an_arc(headings: Floats) -> None:
     if gap > MAX_ARC_GAP_DEG:
         raise FitError(
             f"all headings lie within {360.0 - gap:.0f}°, and five coefficients need headings all round: "
-            f"steady the vehicle on {ADVISED} headings, each 45° from the last",
+            f"steady the vehicle on {ADVISED_HEADINGS} headings, each 45° from the last",
             found=360.0 - gap,
             needed=MAX_ARC_GAP_DEG,
         )

@@ -19,7 +19,7 @@ from flinders.report.charts import (
     Panel,
     Plot,
     circle,
-    clipped,
+    clip_shapes,
     compass_ticks,
     drawing,
     key,
@@ -70,7 +70,7 @@ def swing_drawing(deviation: Deviation) -> str:
         text(24, 58, "\N{EM SPACE}".join(minus(f"{name} {value:+.2f}°") for name, value in pairs), "start"),
         key(696, 30, ("raw", "seen"), ("corrected", "curve" if sigma is None else "curve ± 1 σ")),
         panel.grid(plot, gap=24),
-        clipped("inside", edge, *panel.draw(plot), _observations(deviation, plot)),
+        clip_shapes("inside", edge, *panel.draw(plot), _observations(deviation, plot)),
         text(plot.middle, 436, "heading by compass"),
         style=NARROW_STYLE,
     )

@@ -19,7 +19,7 @@ is part of its uncertainty, with the prior 0 ± `LAG_S`.
 >>> time = np.arange(0.0, 480.0, 0.5)
 >>> heading = np.where(time < 240.0, 1.5 * time, 720.0 - 1.5 * time)
 >>> lagged = np.interp(time - 0.6, time, heading)
->>> swing = turning(time, lagged % 360.0, (heading + 2.0) % 360.0)
+>>> swing = turn_readings(time, lagged % 360.0, (heading + 2.0) % 360.0)
 >>> float(np.abs(swing.deviation_deg - 2.0).max()) < 0.1, str(swing.notes[0])[:24]
 (True, 'the compass lags by 0.60')
 """
@@ -32,10 +32,10 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from flinders.apps.marine.deviation import LEAST, NAMES
+from flinders.apps.marine.deviation import MIN_HEADINGS, NAMES
 from flinders.apps.marine.swing_notes import SwingNote
-from flinders.errors import FitError, counted
-from flinders.geometry.angles import folded, mean_deg, wrapped
+from flinders.errors import FitError, count_text
+from flinders.geometry.angles import mean_deg, wrap_180, wrap_360
 from flinders.geometry.ellipsoid import sphere_through
 from flinders.heading.harmonics import design
 from flinders.heading.stationary import rests
@@ -51,11 +51,11 @@ if TYPE_CHECKING:
     Complexes: TypeAlias = NDArray[np.complex128]
     from collections.abc import Sequence
 
-LEG_S: Final = 20.0
+MIN_LEG_S: Final = 20.0
 """Shortest leg."""
 SMOOTH_S: Final = 10.0
 """Window over which a heading is averaged to find legs, so that waves and steering do not count as turns."""
-SLOWEST: Final = 2.0
+MIN_SPEED_M_S: Final = 2.0
 """Smallest speed over ground at which a course is used, in m/s: four knots."""
 CRAB_DEG: Final = 1.0
 """Difference of course and heading by leeway, 1 σ."""
@@ -97,8 +97,8 @@ def legs(
     speed: Floats,
     *,
     is_course: bool,
-    least_s: float = LEG_S,
-    slowest: float = SLOWEST,
+    least_s: float = MIN_LEG_S,
+    slowest: float = MIN_SPEED_M_S,
     crab_deg: float = CRAB_DEG,
 ) -> LoggedSwing:
     """Take a reading from each straight leg of a log.
@@ -141,7 +141,7 @@ def _spans(compass_deg: Floats, step: float, least_s: float) -> list[slice]:
     width = max(round(SMOOTH_S / step), 1)
     smooth = np.convolve(np.exp(1j * np.deg2rad(compass_deg)), np.ones(width) / width, "same")
     least = max(round(least_s / step), 1)
-    steady = rests(wrapped(np.rad2deg(np.angle(smooth))), least_readings=max(least, 8))
+    steady = rests(wrap_360(np.rad2deg(np.angle(smooth))), least_readings=max(least, 8))
     edge = min(width // 2, least // 4)
     return [slice(rest.start + edge, rest.stop - edge) for rest in steady if rest.stop - rest.start > 2 * edge + BLOCKS]
 
@@ -185,21 +185,21 @@ def _course_notes(current: complex | None, crab_deg: float) -> tuple[SwingNote, 
     """Notes about the current that was removed, and the assumed leeway."""
     if current is None:
         return ()
-    towards = float(wrapped(np.rad2deg(np.angle(current))))
+    towards = float(wrap_360(np.rad2deg(np.angle(current))))
     drift = SwingNote("current", values={"speed": abs(current), "towards_deg": towards})
     return drift, SwingNote("leeway", values={"crab_deg": crab_deg})
 
 
 def _refuse_few(legs: int, steady: int, *, is_course: bool, least_s: float, slowest: float) -> None:
     """Refuse a log with fewer legs than coefficients."""
-    if legs >= LEAST:
+    if legs >= MIN_HEADINGS:
         return
     speed = f" at {slowest:g} m/s or more" if is_course else ""
     raise FitError(
-        f"{counted(legs, 'straight leg')} of {least_s:g} s{speed} (of {steady} on one heading), and five coefficients "
-        f"need {LEAST}: steer eight headings, each 45° from the last, for half a minute each",
+        f"{count_text(legs, 'straight leg')} of {least_s:g} s{speed} (of {steady} on one heading), and five coefficients "
+        f"need {MIN_HEADINGS}: steer eight headings, each 45° from the last, for half a minute each",
         found=legs,
-        needed=LEAST,
+        needed=MIN_HEADINGS,
     )
 
 
@@ -215,7 +215,7 @@ MIN_SCATTER_DEG: Final = 0.01
 """Smallest scatter of a reading that is assumed."""
 
 
-def turning(time: Floats, compass_deg: Floats, heading_deg: Floats) -> LoggedSwing:
+def turn_readings(time: Floats, compass_deg: Floats, heading_deg: Floats) -> LoggedSwing:
     """Take a reading from each sector that the compass passes, and correct them for the lag.
 
     Raises `FitError` for fewer than five passes.
@@ -228,12 +228,12 @@ def turning(time: Floats, compass_deg: Floats, heading_deg: Floats) -> LoggedSwi
     is_known = np.isfinite(heading_deg)
     time, compass, heading = time[is_known], compass_deg[is_known], heading_deg[is_known]
     passes = _passes(compass)
-    if len(passes) < LEAST:
+    if len(passes) < MIN_HEADINGS:
         raise FitError(
             f"the compass passed {len(passes)} sectors of {SECTOR_DEG:g}° with a reference heading, and five "
             "coefficients need a whole circle: turn slowly all round, once each way",
             found=len(passes),
-            needed=LEAST,
+            needed=MIN_HEADINGS,
         )
     around = np.rad2deg(np.unwrap(np.deg2rad(heading)))
     rows = _Rows.of(time, compass, around, passes)
@@ -265,28 +265,28 @@ class _Rows:
     @classmethod
     def of(cls, time: Floats, compass_deg: Floats, heading_deg: Floats, passes: Sequence[slice]) -> Self:
         """Means of the passes; `heading_deg` is unwrapped."""
-        off = folded(heading_deg - compass_deg)
+        off = wrap_180(heading_deg - compass_deg)
         ends = [(part.start, part.stop - 1) for part in passes]
         return cls(
             np.array([mean_deg(compass_deg[part]) for part in passes]),
-            folded([mean_deg(off[part]) for part in passes]),
+            wrap_180([mean_deg(off[part]) for part in passes]),
             np.array([(heading_deg[last] - heading_deg[first]) / (time[last] - time[first]) for first, last in ends]),
         )
 
     @property
     def is_both_ways(self) -> bool:
         """Whether there are enough sectors in each direction of turning."""
-        return min(int(np.sum(self.rate > 0.0)), int(np.sum(self.rate < 0.0))) >= LEAST
+        return min(int(np.sum(self.rate > 0.0)), int(np.sum(self.rate < 0.0))) >= MIN_HEADINGS
 
     def lag(self, known: float) -> tuple[float, float, float]:
         """Remaining lag in s after a correction by `known`, its variance, and the scatter of a reading in degrees."""
         rows, scatter = np.column_stack([design(self.compass_deg), self.rate]), 1.0
         for _ in range(ITERATIONS):
             prior = scatter / LAG_S
-            weighted = np.vstack([rows, [0.0] * LEAST + [prior]])
+            weighted = np.vstack([rows, [0.0] * MIN_HEADINGS + [prior]])
             solution = np.linalg.lstsq(weighted, np.append(self.deviation_deg, -prior * known), rcond=None)[0]
             residual = self.deviation_deg - rows @ solution
-            scatter = max(float(np.sqrt(np.sum(residual**2) / max(len(rows) - LEAST, 1))), MIN_SCATTER_DEG)
+            scatter = max(float(np.sqrt(np.sum(residual**2) / max(len(rows) - MIN_HEADINGS, 1))), MIN_SCATTER_DEG)
         inverse = np.linalg.pinv(weighted.T @ weighted)
         return float(solution[-1]), scatter**2 * float(inverse[-1, -1]), scatter
 

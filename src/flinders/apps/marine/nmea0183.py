@@ -33,7 +33,7 @@ from typing import TYPE_CHECKING, Final, Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from flinders.errors import UnreadableInput
-from flinders.readers._cells import number
+from flinders.readers._cells import parse_number
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -137,13 +137,13 @@ def _text(fields: Sequence[str], place: int) -> str:
 
 
 def _number(fields: Sequence[str], place: int) -> float | None:
-    value = number(_text(fields, place), ".")
+    value = parse_number(_text(fields, place), ".")
     return value if value is not None and abs(value) < MAX_NUMBER else None
 
 
 def _coordinate(text: str, side: str) -> float | None:
     """Degrees from ``dddmm.mmm`` and N, S, E or W; None for other texts."""
-    value = number(text, ".")
+    value = parse_number(text, ".")
     if value is None or not 0.0 <= value <= 18000.0 or side not in {"N", "S", "E", "W"}:
         return None
     degrees = value // 100.0 + value % 100.0 / 60.0

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 
-from flinders.apps.marine.deviation import ADVISED, CHANCE, LARGE_DEG, WIDEST_GAP_DEG
-from flinders.geometry.angles import shown_heading
+from flinders.apps.marine.deviation import ADVISED_HEADINGS, CONTRADICTION_PROBABILITY, LARGE_DEVIATION_DEG, MAX_GAP_DEG
+from flinders.geometry.angles import heading_text
 from flinders.workflows.notes import Note
 
 if TYPE_CHECKING:
@@ -27,9 +27,9 @@ LARGE_A_DEG: Final = 1.0
 MAX_RESIDUAL_RATIO: Final = 3.0
 """Largest residual of a heading in units of its 1 σ; beyond it, the heading should be taken again."""
 
-READ_BETTER: Final = "swing on more headings, or read them better"
+READING_ADVICE: Final = "swing on more headings, or read them better"
 """Remedy for an uncertain curve."""
-COMPENSATE: Final = "compensate or calibrate first, then swing again"
+COMPENSATION_ADVICE: Final = "compensate or calibrate first, then swing again"
 """Remedy for large deviations."""
 
 SENTENCES: Final[Mapping[str, str]] = {
@@ -39,14 +39,14 @@ SENTENCES: Final[Mapping[str, str]] = {
     ),
     "gap": "no heading in {gap_deg:.0f}° of the circle: the curve is a guess there; swing all round",
     "uncertain": (
-        f"the curve is known to {{worst_deg:.2f}}° (1 σ) at worst, the target is {{target_deg:g}}°: {READ_BETTER}"
+        f"the curve is known to {{worst_deg:.2f}}° (1 σ) at worst, the target is {{target_deg:g}}°: {READING_ADVICE}"
     ),
     "ambiguous": (
         "the deviation falls faster than the heading grows: one magnetic heading has several compass headings, and a "
-        f"card is not valid; {COMPENSATE}"
+        f"card is not valid; {COMPENSATION_ADVICE}"
     ),
     "outlier": "the heading {heading} is {ratio:.1f} σ off the curve: take it again",
-    "large": f"beyond {{large_deg:.0f}}° the formula of five coefficients is rough: {COMPENSATE}",
+    "large": f"beyond {{large_deg:.0f}}° the formula of five coefficients is rough: {COMPENSATION_ADVICE}",
     "large-ambiguous": "beyond {large_deg:.0f}° the formula of five coefficients is rough",
     "few-headings": "{advised} headings, each 45° from the last, make a better swing",
     "large-a": "A this large is seldom iron: check the mounting of the compass, and the reference of the headings",
@@ -102,8 +102,8 @@ def curve_sigma_deg(deviation: Deviation) -> float | None:
 
 def _limits(deviation: Deviation, target_deg: float) -> Iterator[SwingNote]:
     if deviation.covariance is None:
-        yield SwingNote("no-redundancy", "limits", {"advised": ADVISED})
-    if deviation.widest_gap_deg > WIDEST_GAP_DEG:
+        yield SwingNote("no-redundancy", "limits", {"advised": ADVISED_HEADINGS})
+    if deviation.widest_gap_deg > MAX_GAP_DEG:
         yield SwingNote("gap", "limits", {"gap_deg": deviation.widest_gap_deg})
     sigma = curve_sigma_deg(deviation)
     if sigma is not None and sigma > target_deg:
@@ -112,7 +112,7 @@ def _limits(deviation: Deviation, target_deg: float) -> Iterator[SwingNote]:
         yield SwingNote("ambiguous", "limits")
     if (worst := _outlier(deviation)) is not None:
         place, ratio = worst
-        heading = shown_heading(float(deviation.compass_deg[place]))
+        heading = heading_text(float(deviation.compass_deg[place]))
         yield SwingNote("outlier", "limits", {"heading": heading, "ratio": ratio})
 
 
@@ -127,11 +127,11 @@ def _outlier(deviation: Deviation) -> tuple[int, float] | None:
 
 
 def _remarks(deviation: Deviation) -> Iterator[SwingNote]:
-    if deviation.largest_deg > LARGE_DEG:
+    if deviation.largest_deg > LARGE_DEVIATION_DEG:
         code = "large" if deviation.is_one_to_one else "large-ambiguous"
-        yield SwingNote(code, values={"large_deg": LARGE_DEG})
-    if len(deviation.compass_deg) < ADVISED and deviation.covariance is not None:
-        yield SwingNote("few-headings", values={"advised": ADVISED})
+        yield SwingNote(code, values={"large_deg": LARGE_DEVIATION_DEG})
+    if len(deviation.compass_deg) < ADVISED_HEADINGS and deviation.covariance is not None:
+        yield SwingNote("few-headings", values={"advised": ADVISED_HEADINGS})
     a, sigmas = float(deviation.coefficients_deg[0]), deviation.sigmas_deg
     if round(abs(a), 6) > max(LARGE_A_DEG, 0.0 if sigmas is None else 3.0 * float(sigmas[0])):
         yield SwingNote("large-a")
@@ -143,6 +143,6 @@ def _claims(deviation: Deviation, expected: Expected | None) -> Iterator[SwingNo
     if expected is None:
         return
     test = expected.chance(deviation)
-    if test is not None and test[2] < CHANCE:
+    if test is not None and test[2] < CONTRADICTION_PROBABILITY:
         yield SwingNote("contradicts-calibration", values={"chi_square": test[0], "freedom": test[1]})
     yield SwingNote("claimed")

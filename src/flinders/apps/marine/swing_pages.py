@@ -11,9 +11,9 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from flinders.apps.marine.nmea0183 import check_sum
-from flinders.apps.marine.swing_words import limit_words, sided
-from flinders.geometry.angles import folded, shown_heading
-from flinders.report.terminal import dotted, facts, notes, page, table, verdict
+from flinders.apps.marine.swing_words import east_or_west, limit_words
+from flinders.geometry.angles import heading_text, wrap_180
+from flinders.report.terminal import curve_line, facts, notes, page, table, verdict
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -63,8 +63,8 @@ def of_checklist(rule: Standard) -> RenderableType:
 def of_compensation(compensation: Compensation) -> RenderableType:
     """Lay out the corrections on N, E, S and W."""
     rows = [
-        (row.name, shown_heading(row.compass_deg), shown_heading(row.make_deg), f"{row.change_deg:+.1f}°",
-         sided(row.left_deg))
+        (row.name, heading_text(row.compass_deg), heading_text(row.make_deg), f"{row.change_deg:+.1f}°",
+         east_or_west(row.left_deg))
         for row in compensation.rows
     ]  # fmt: skip
     laid = table((Column("on"), "compass reads", "make it read", "turn it by", "deviation left"), rows)
@@ -128,7 +128,7 @@ def _card(account: SwingAccount, deviation: Deviation) -> Text:
     text = Text(no_wrap=True, overflow="ignore")
     text.append(f"compass   deviation {'± 1 σ' if deviation.covariance is not None else '':7} magnetic   {ends}", "dim")
     for row, heading, value in zip(account.card(deviation), headings.tolist(), values.tolist(), strict=True):
-        curve = dotted(value, end, CURVE_WIDTH, seen=_observation(deviation, heading, account.step_deg)).rstrip()
+        curve = curve_line(value, end, CURVE_WIDTH, seen=_observation(deviation, heading, account.step_deg)).rstrip()
         numbers = f"{row.heading:>7}  {row.deviation:>10} {row.sigma:7} {row.magnetic:>8}"
         text.append(f"\n{numbers}   {curve}")
     return text
@@ -136,14 +136,14 @@ def _card(account: SwingAccount, deviation: Deviation) -> Text:
 
 def _observation(deviation: Deviation, heading: float, step_deg: float) -> float | None:
     """Observation nearest to a line of the card, as the curve plus its residual; None if there is none."""
-    apart = np.abs(folded(deviation.compass_deg - heading))
+    apart = np.abs(wrap_180(deviation.compass_deg - heading))
     place = int(apart.argmin())
     return float(deviation.at(heading) + deviation.residual_deg[place]) if apart[place] <= step_deg / 2.0 else None
 
 
 def _rests_table(rests: Sequence[Rest]) -> Table:
     rows = [
-        (str(place), shown_heading(rest.heading_deg, 2), f"{rest.sigma_deg:.2f}°", f"{rest.spread_deg:.2f}°",
+        (str(place), heading_text(rest.heading_deg, 2), f"{rest.sigma_deg:.2f}°", f"{rest.spread_deg:.2f}°",
          f"{rest.stop - rest.start:,}")
         for place, rest in enumerate(rests, 1)
     ]  # fmt: skip
@@ -153,7 +153,7 @@ def _rests_table(rests: Sequence[Rest]) -> Table:
 def _legs_table(logged: LoggedSwing) -> Table:
     columns = (logged.compass_deg, logged.deviation_deg, logged.sigma_deg, logged.seconds)
     rows = [
-        (str(place), shown_heading(heading), sided(deviation), f"{sigma:.1f}°", f"{seconds:.0f} s")
+        (str(place), heading_text(heading), east_or_west(deviation), f"{sigma:.1f}°", f"{seconds:.0f} s")
         for place, (heading, deviation, sigma, seconds) in enumerate(zip(*columns, strict=True), 1)
     ]
     return table(("leg", "compass", "deviation", "1 σ", "length"), rows)
@@ -161,7 +161,7 @@ def _legs_table(logged: LoggedSwing) -> Table:
 
 def _half_turns_table(halves: Sequence[HalfTurn]) -> Table:
     rows = [
-        (shown_heading(half.first.heading_deg, 2), shown_heading(half.second.heading_deg, 2),
+        (heading_text(half.first.heading_deg, 2), heading_text(half.second.heading_deg, 2),
          f"{180.0 + half.error_deg:.2f}°", f"{half.error_deg:+.2f}{_uncertainty(half.sigma_deg)}°")
         for half in halves
     ]  # fmt: skip

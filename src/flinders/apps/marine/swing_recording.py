@@ -18,14 +18,14 @@ import numpy as np
 from flinders.apps.marine.deviation import Expected, fit
 from flinders.apps.marine.swing_table import NEED
 from flinders.comparison.rotation_difference import rotation_covariance
-from flinders.errors import FitError, NoAccelerometer, UsageError, counted
+from flinders.errors import FitError, NoAccelerometer, UsageError, count_text
 from flinders.estimators.data import recording_of
-from flinders.geometry.angles import folded, shown_heading
+from flinders.geometry.angles import heading_text, wrap_180
 from flinders.heading.error_propagation import deviation_covariance
-from flinders.heading.stationary import LEAST_READINGS, half_turns, rests
+from flinders.heading.stationary import MIN_REST_READINGS, half_turns, rests
 from flinders.summary.summary import Summary
 from flinders.workflows.heading_stream import HeadingStream
-from flinders.workflows.recordings import fit_for, recording_for, uncalibrated
+from flinders.workflows.recordings import fit_for, identity_fit, recording_for
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -75,7 +75,7 @@ class SwingRecording:
         steps = np.diff(np.concatenate(times)) if times else np.empty(0)
         step = float(np.median(steps[np.isfinite(steps)])) if np.isfinite(steps).any() else 0.0
         shortest_s = STATIONARY_S if stationary_s is None else stationary_s
-        least = max(round(shortest_s / step), MIN_READINGS) if step > 0.0 else LEAST_READINGS
+        least = max(round(shortest_s / step), MIN_READINGS) if step > 0.0 else MIN_REST_READINGS
         heading = np.concatenate([headings for headings, _ in blocks])
         return cls(stream, rests(heading, least_readings=least), is_calibrated)
 
@@ -102,7 +102,7 @@ class SwingRecording:
         """
         if len(self.rests) != len(headings_deg):
             raise FitError(
-                f"{counted(len(headings_deg), 'heading')} for {self.source}, which has {self.listed()}: name one for "
+                f"{count_text(len(headings_deg), 'heading')} for {self.source}, which has {self.rest_words()}: name one for "
                 "each, in order, or change the shortest rest",
                 hint={"headings_deg": None, "stationary_s": None},
                 rests=len(self.rests),
@@ -110,9 +110,9 @@ class SwingRecording:
             )
         seen = np.array([rest.heading_deg for rest in self.rests])
         magnetic = np.array(headings_deg) - (0.0 if site is None else site.declination_deg)
-        return fit(seen, folded(magnetic - seen), sigma_deg=sigma_deg)
+        return fit(seen, wrap_180(magnetic - seen), sigma_deg=sigma_deg)
 
-    def expected(self) -> Expected | None:
+    def expected_deviation(self) -> Expected | None:
         """Expected deviation from the claimed uncertainty of the calibration and its rotation; None without a claim."""
         known = self.stream.fit
         if not known.claim.states_uncertainty:
@@ -128,11 +128,11 @@ class SwingRecording:
         )
         return Expected(covariance, dip, source)
 
-    def listed(self) -> str:
+    def rest_words(self) -> str:
         """Number and headings of the rests, in words."""
-        shown = ", ".join(shown_heading(rest.heading_deg, 0) for rest in self.rests[:MAX_LISTED])
+        shown = ", ".join(heading_text(rest.heading_deg, 0) for rest in self.rests[:MAX_LISTED])
         more = ", …" * (len(self.rests) > MAX_LISTED)
-        return f"{counted(len(self.rests), 'rest')}{f' on {shown}{more}' if self.rests else ''}"
+        return f"{count_text(len(self.rests), 'rest')}{f' on {shown}{more}' if self.rests else ''}"
 
 
 def read_rests(
@@ -165,7 +165,7 @@ def read_rests(
         recording, _ = recording_of(source)
         if isinstance(recording, Summary):
             raise UsageError("a swing needs readings: give the recording, not its summary")
-        known = uncalibrated(recording)
+        known = identity_fit(recording)
     else:
         known = fit_for(calibration)
         recording = recording_for(source, known)

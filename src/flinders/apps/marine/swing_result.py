@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from flinders.apps.marine.swing_notes import curve_notes
-from flinders.errors import in_python
+from flinders.errors import python_arguments
 from flinders.heading.stationary import hard_iron
 from flinders.workflows.notes import limits_of
 
@@ -67,7 +67,7 @@ class Swing:
         is_open = self.conformity is not None and self.conformity.verdict != "within"
         return "limited" if is_missed or is_open or limits_of(self.notes) else "good"
 
-    def as_dict(self, spell: Spelling = in_python) -> dict[str, Any]:
+    def as_dict(self, spell: Spelling = python_arguments) -> dict[str, Any]:
         """JSON-ready."""
         deviation, iron = self.deviation, hard_iron(self.halves)
         return {

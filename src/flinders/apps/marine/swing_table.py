@@ -21,14 +21,14 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.errors import UnreadableInput, UsageError, counted
-from flinders.geometry.angles import folded, wrapped
-from flinders.readers._cells import COMMENTS, number
+from flinders.errors import UnreadableInput, UsageError, count_text
+from flinders.geometry.angles import wrap_180, wrap_360
+from flinders.readers._cells import COMMENTS, parse_number
 from flinders.readers._foreign_files import foreign_kind
 from flinders.readers._known_texts import refusal
 from flinders.readers._lines import encoding_of
-from flinders.readers._source import HEAD, find
-from flinders.readers._tokenizer import shown
+from flinders.readers._source import HEAD_BYTES, find
+from flinders.readers._tokenizer import shorten
 
 if TYPE_CHECKING:
     import os
@@ -71,7 +71,7 @@ class SwingTable:
 
     def __str__(self) -> str:
         """Name and contents of the table."""
-        return f"{self.source}: {counted(len(self.lines), 'heading')}; columns {', '.join(self.columns)}"
+        return f"{self.source}: {count_text(len(self.lines), 'heading')}; columns {', '.join(self.columns)}"
 
     @property
     def is_true(self) -> bool:
@@ -90,9 +90,11 @@ class SwingTable:
             raise UsageError(f"{self.source} has {advice}", hint={"site": None})
         columns = dict(self.columns)
         if site is not None:
-            columns["magnetic"] = wrapped(columns["true"] - site.declination_deg)
-        deviation = columns["deviation"] if "deviation" in columns else folded(columns["magnetic"] - columns["compass"])
-        compass = columns["compass"] if "compass" in columns else wrapped(columns["magnetic"] - deviation)
+            columns["magnetic"] = wrap_360(columns["true"] - site.declination_deg)
+        deviation = (
+            columns["deviation"] if "deviation" in columns else wrap_180(columns["magnetic"] - columns["compass"])
+        )
+        compass = columns["compass"] if "compass" in columns else wrap_360(columns["magnetic"] - deviation)
         return compass, deviation
 
 
@@ -138,7 +140,7 @@ def _text_of(path: str | os.PathLike[str]) -> tuple[str, str]:
     head = source.head()
     if kind := foreign_kind(head):
         raise UnreadableInput(f"{source.name} is {kind.name}: {NEED}")
-    if len(head) >= HEAD:  # a swing has a few dozen lines
+    if len(head) >= HEAD_BYTES:  # a swing has a few dozen lines
         raise UnreadableInput(f"{source.name} is too long for a table of a swing: {NEED}")
     try:
         return source.name, head.decode(encoding_of(head)).removeprefix("\ufeff")
@@ -187,7 +189,7 @@ def _degrees(name: str, line: int, cells: Sequence[str], place: int) -> float:
     value = _number(cells[place]) if place < len(cells) else None
     if value is None or not np.isfinite(value):
         raise UnreadableInput(
-            f"line {line} of {name} has no number of degrees in column {place + 1} ({shown(' '.join(cells))!r}): {NEED}"
+            f"line {line} of {name} has no number of degrees in column {place + 1} ({shorten(' '.join(cells))!r}): {NEED}"
         )
     return value
 
@@ -201,6 +203,6 @@ def _number(cell: str) -> float | None:
     match = re.fullmatch(r"(.*?)\s*(?:°|deg)?\s*([EeWw]?)", cell.strip())
     if match is None:
         return None
-    value = number(match[1], ".")
-    value = number(match[1], ",") if value is None else value
+    value = parse_number(match[1], ".")
+    value = parse_number(match[1], ",") if value is None else value
     return -value if value is not None and match[2] in {"W", "w"} else value

@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from flinders.apps.marine.deviation import NAMES, eight_points_sigma
-from flinders.apps.marine.swing_notes import COMPENSATE, READ_BETTER, curve_sigma_deg
-from flinders.errors import counted, in_python
-from flinders.geometry.angles import shown_heading
+from flinders.apps.marine.swing_notes import COMPENSATION_ADVICE, READING_ADVICE, curve_sigma_deg
+from flinders.errors import count_text, python_arguments
+from flinders.geometry.angles import heading_text
 from flinders.heading.stationary import hard_iron
 from flinders.report.formatting import with_uncertainty
 
@@ -50,7 +50,7 @@ TITLES: Final = {"within": "Within the limit", "open": "Open", "beyond": "Beyond
 VERDICTS: Final = {"within": "good", "open": "limited", "beyond": "refused"}
 """Verdict of a calibration that corresponds to each verdict on a limit."""
 
-ADVICE: Final = {"open": READ_BETTER, "beyond": COMPENSATE}
+ADVICE: Final = {"open": READING_ADVICE, "beyond": COMPENSATION_ADVICE}
 """Remedy for each verdict on a limit."""
 
 
@@ -80,7 +80,7 @@ class SwingAccount:
 
     swing: Swing
     step_deg: float  # step between the lines of the card
-    spell: Spelling = in_python  # spelling of arguments
+    spell: Spelling = python_arguments  # spelling of arguments
 
     @property
     def statements(self) -> list[Statement]:
@@ -115,8 +115,8 @@ class SwingAccount:
             earlier = (before.a_deg, before.b_deg, before.c_deg)
             columns["before"] = [*(f"{value:+.1f}°" for value in earlier), "", ""]
         columns["least squares"] = _angles(deviation.coefficients_deg, deviation.sigmas_deg)
-        if deviation.eight is not None:
-            columns["eight points"] = _angles(deviation.eight, rough)
+        if deviation.eight_point_coefficients is not None:
+            columns["eight points"] = _angles(deviation.eight_point_coefficients, rough)
         if (expected := self.swing.expected) is not None:
             columns["claimed"] = ["", *(f"± {max(sigma, 0.001):.2g}°" for sigma in expected.sigmas_deg)]
         return {**columns, "what makes it": list(MEANINGS)}
@@ -126,10 +126,8 @@ class SwingAccount:
         headings, values, sigmas = deviation.card(self.step_deg)
         steer = deviation.compass(headings) if deviation.is_one_to_one else np.full(len(headings), np.nan)
         known = [""] * len(headings) if sigmas is None else [sigma_words(sigma) for sigma in sigmas.tolist()]
-        shown = [
-            [shown_heading(float(one)) for one in each] for each in (headings, steer, deviation.magnetic(headings))
-        ]
-        return list(map(CardRow, shown[0], shown[1], map(sided, values.tolist()), known, shown[2]))
+        shown = [[heading_text(float(one)) for one in each] for each in (headings, steer, deviation.magnetic(headings))]
+        return list(map(CardRow, shown[0], shown[1], map(east_or_west, values.tolist()), known, shown[2]))
 
 
 def sigma_words(sigma_deg: float) -> str:
@@ -156,7 +154,7 @@ def conformity_words(conformity: Conformity) -> str:
     """Conformity with a limit, in words."""
     sigma = "" if conformity.sigma_deg is None else f" {sigma_words(conformity.sigma_deg)}"
     what = "a reading" if conformity.is_reading else "the curve"
-    seen = f"{what} deviates by {conformity.largest_deg:.1f}°{sigma} on {shown_heading(conformity.compass_deg, 0)}"
+    seen = f"{what} deviates by {conformity.largest_deg:.1f}°{sigma} on {heading_text(conformity.compass_deg, 0)}"
     limit = f"the limit of {conformity.limit_deg:g}°"
     return {
         "within": f"{seen}: within {limit} by two standard deviations or more",
@@ -177,10 +175,10 @@ def _angle(value: float, sigma: float | None) -> str:
     return f"{with_uncertainty(float(value), float(sigma))}°"
 
 
-def sided(angle: float) -> str:
+def east_or_west(angle: float) -> str:
     """Format a deviation, east or west.
 
-    >>> sided(10.54), sided(-0.04), sided(-8.2)
+    >>> east_or_west(10.54), east_or_west(-0.04), east_or_west(-8.2)
     ('10.5° E', '0.0°  ', '8.2° W')
     """
     rounded = round(angle, 1)
@@ -194,7 +192,7 @@ def swing_words(deviation: Deviation) -> str:
     good = "" if sigma is None else f", known to {max(sigma, 0.005):.2f}° (1 σ) at worst"
     spread = deviation.sigma_deg
     scatter = "" if spread is None else f"; a heading scatters by {spread:.2f}°"
-    count = counted(len(deviation.compass_deg), "heading")
+    count = count_text(len(deviation.compass_deg), "heading")
     return f"deviation up to {deviation.largest_deg:.1f}°{good}; {count}{scatter}"
 
 

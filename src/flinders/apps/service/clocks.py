@@ -23,9 +23,11 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
 
-APART_S: Final = 2.0  # Difference of the sensor's and the machine's clock from which on the machine's is used
-BACK_S: Final = 1.0  # Step back from which on a clock counts as reset; readings late by less are left out
-FROM_1970_S: Final = 1e8  # Least time that counts as seconds from 1970
+MAX_CLOCK_DIFFERENCE_S: Final = (
+    2.0  # Difference of the sensor's and the machine's clock from which on the machine's is used
+)
+MIN_RESET_S: Final = 1.0  # Step back from which on a clock counts as reset; readings late by less are left out
+MIN_UNIX_TIME_S: Final = 1e8  # Least time that counts as seconds from 1970
 
 
 def duration(seconds: float) -> str:
@@ -64,7 +66,7 @@ class MachineClock:
         self._remarks: list[str] = []
         self._is_behind = False
         begun = wall()
-        if since is not None and since > begun + APART_S:
+        if since is not None and since > begun + MAX_CLOCK_DIFFERENCE_S:
             words = f"this machine's clock is {duration(since - begun)} before the state: time continues from the state"
             self._remarks.append(words)
             self._is_behind = True
@@ -76,22 +78,24 @@ class MachineClock:
     def now(self) -> float:
         """Seconds from 1970."""
         wall, now = self._wall(), self._steady() + self._ahead
-        if wall > now + APART_S:
+        if wall > now + MAX_CLOCK_DIFFERENCE_S:
             self._remarks.append(f"this machine's clock was set forward by {duration(wall - now)}")
             self._ahead += wall - now
             return wall
-        if wall < now - APART_S and not self._is_behind:
+        if wall < now - MAX_CLOCK_DIFFERENCE_S and not self._is_behind:
             words = f"this machine's clock was set back by {duration(now - wall)}: time continues without the step"
             self._remarks.append(words)
-        self._is_behind = wall < now - APART_S
+        self._is_behind = wall < now - MAX_CLOCK_DIFFERENCE_S
         return now
 
     def of(self, times: Floats) -> Floats:
         """Convert (N,) times of the sensor, or of arrival by another clock, to seconds from 1970; N > 0."""
         now, newest = self.now, float(times[-1])
-        if self._shift is None or abs(newest + self._shift - now) > APART_S:
+        if self._shift is None or abs(newest + self._shift - now) > MAX_CLOCK_DIFFERENCE_S:
             self._shift = now - newest
-        moved = np.minimum(np.maximum.accumulate(np.maximum(times + self._shift, self._last)), now + APART_S)
+        moved = np.minimum(
+            np.maximum.accumulate(np.maximum(times + self._shift, self._last)), now + MAX_CLOCK_DIFFERENCE_S
+        )
         self._last = float(moved[-1])
         return moved
 
@@ -121,11 +125,11 @@ class RecordedClock:
         """Convert (N,) times to monotonic ones; N > 0."""
         if math.isnan(self._last):
             first = float(times[0])
-            if self._since is not None and first < min(self._since, FROM_1970_S):
+            if self._since is not None and first < min(self._since, MIN_UNIX_TIME_S):
                 self._shift = self._since - first
             self._last = first + self._shift
         steps = np.diff(times + self._shift, prepend=self._last)
-        back = np.where(steps < -BACK_S, -steps, 0.0)
+        back = np.where(steps < -MIN_RESET_S, -steps, 0.0)
         if back.any():
             words = f"the clock of the readings went back by {duration(float(back.max()))}: time continues from"
             self._remarks.append(f"{words} its last value")

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 
 from flinders.apps.service.clocks import duration
 from flinders.core.files import write_text
-from flinders.core.units import label
+from flinders.core.units import unit_label
 from flinders.errors import FlindersError, figures
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from flinders.workflows.online import OnlineCalibration
 
 INTERVAL_S: Final = 3600.0
-LOOK_S: Final = 5.0  # Period of checks
+CHECK_PERIOD_S: Final = 5.0  # Period of checks
 MAX_ERROR_RATIO: Final = 0.8
 """A calibration is sent if its heading error is at most this share of that with the one on board."""
 MAX_OFFSET_SIGMA: Final = 0.05
@@ -68,24 +68,24 @@ class Handover:
     ) -> None:
         self._recipient, self._folder, self._interval_s = recipient, Path(folder), interval_s
         self._stopped, self._say, self._clock = stopped, say, clock
-        times = [sent for path in self._folder.iterdir() if (sent := self.named(path.name)) is not None]
+        times = [sent for path in self._folder.iterdir() if (sent := self.backup_time(path.name)) is not None]
         self._sent = max((sent for sent in times if sent <= clock()), default=-math.inf)
         self._looked, self._told = -math.inf, ""
         self.failure = ""
 
     @staticmethod
-    def named(name: str) -> float | None:
+    def backup_time(name: str) -> float | None:
         """Time in the name of a file with previous values; None for other files."""
         found = NAME.fullmatch(name)
         return datetime.strptime(found[1] + "+0000", "%Y%m%dT%H%M%S%z").timestamp() if found else None
 
-    def look(self, online: OnlineCalibration, time_s: float) -> tuple[str, str] | None:
+    def send_if_due(self, online: OnlineCalibration, time_s: float) -> tuple[str, str] | None:
         """Send a calibration if due; returns an event with words, or None if nothing happened.
 
         Events are ``sent``, ``not-sent`` with the reason, or ``waits`` for an action of the user.
         """
         now = self._clock()
-        if abs(now - self._looked) < LOOK_S or (fit := online.fit) is None:
+        if abs(now - self._looked) < CHECK_PERIOD_S or (fit := online.fit) is None:
             return None
         self._looked = now
         calibration = fit.calibration
@@ -112,7 +112,7 @@ class Handover:
             return "it is of a level vehicle, and its vertical axis is unknown; calibrate in all attitudes first"
         sigma = float(fit.claim.offset_sigma.max())
         if not sigma < MAX_OFFSET_SIGMA * fit.calibration.field_strength:
-            unit = label(fit.calibration.unit)
+            unit = unit_label(fit.calibration.unit)
             return (
                 f"its offset is off by up to {figures(sigma)} {unit} (1 σ) along one axis; turn about other axes, too"
             )

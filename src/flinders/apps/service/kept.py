@@ -2,7 +2,7 @@
 
 >>> def full():
 ...     raise OutputError("state.json: cannot be written: No space left on device")
->>> file = Kept("state.json", print)
+>>> file = RetriedFile("state.json", print)
 >>> _ = file.write(full)
 ! state.json: cannot be written: No space left on device. Will retry
 >>> file.write(full), file.write(lambda: None)
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 
-class Kept:
+class RetriedFile:
     """A file that is replaced as a whole at each write.
 
     Attributes

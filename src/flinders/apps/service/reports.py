@@ -7,9 +7,9 @@ from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 
-from flinders.apps.service.clocks import FROM_1970_S
+from flinders.apps.service.clocks import MIN_UNIX_TIME_S
 from flinders.report.formatting import degrees
-from flinders.workflows.online_events import CODES, DOING, WORDS
+from flinders.workflows.online_events import ACTIVITIES, CODES, WORDS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -97,7 +97,7 @@ class Report:
             "connected": ("Whether the sensor is connected and sends readings.", float(self.is_connected)),
         }
         lines = [_metric(name, "gauge", words, {"": value}) for name, (words, value) in gauges.items()]
-        states = {f'{{state="{name}"}}': float(name == self.doing) for name in DOING}
+        states = {f'{{state="{name}"}}': float(name == self.doing) for name in ACTIVITIES}
         counted = {f'{{event="{name}"}}': float(self.events.get(name, 0)) for name in EVENTS}
         walk = {f'{{unit="{self.unit or ""}"}}': self.walk}
         lines += [
@@ -125,7 +125,7 @@ def moment(seconds: float) -> str:
 
 def date_of(seconds: float) -> str | None:
     """Time as a date, UTC, if it counts from 1970, else None."""
-    if not FROM_1970_S <= seconds <= MAX_DATE_S:
+    if not MIN_UNIX_TIME_S <= seconds <= MAX_DATE_S:
         return None
     return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from flinders.core.samples import Samples
 from flinders.errors import UsageError
-from flinders.simulate import Sensor, Simulated, north_and_down, posed
+from flinders.simulate import Sensor, Simulated, attitudes_of, north_and_down
 
 if TYPE_CHECKING:
     from numpy.random import Generator
@@ -40,7 +40,7 @@ OUTINGS_H: Final = ((8.5, 12.0), (14.0, 17.0))
 """Hours of the day at sea, ± half an hour."""
 CIRCLES_S: Final = 240.0
 """Duration of two slow circles."""
-MOVED_UT: Final = 5.0
+MOVE_UT: Final = 5.0
 MOVE_SHARE: Final = 4.0 / 7.0
 """Share of the readings before the move."""
 STEEL_PER_DAY: Final = 1.5
@@ -126,7 +126,7 @@ def boat(
     shift, moved = _shift(of_offset, time, is_at_sea)
     steel, passed = _steel(of_steel, time, is_at_sea)
     berth = BERTH_UT * of_steel.standard_normal(3) * ~is_at_sea[:, np.newaxis]
-    earth, attitudes = field_strength * north_and_down(dip_deg), posed(*angles.T)
+    earth, attitudes = field_strength * north_and_down(dip_deg), attitudes_of(*angles.T)
     sensor = replace(Sensor.random(of_sensor, soft=0.05, hard=30.0), noise=noise)
     raw = sensor.read(np.einsum("nji,nj->ni", attitudes, earth + berth + steel), of_noise, shift=shift)
     simulated = Simulated(
@@ -228,8 +228,8 @@ def _shift(rng: Generator, time: Floats, is_at_sea: Floats) -> tuple[Floats, Boa
     level = math.sqrt(1.0 - sink**2)
     after = np.flatnonzero(is_at_sea)
     moved_s = float(time[after[round(MOVE_SHARE * len(after))]])
-    offset[time >= moved_s] += MOVED_UT * np.array([level * math.cos(turn), level * math.sin(turn), sink])
-    return offset - offset[-1], BoatEvent("moved", BEGINS_S + moved_s, BEGINS_S + moved_s, MOVED_UT)
+    offset[time >= moved_s] += MOVE_UT * np.array([level * math.cos(turn), level * math.sin(turn), sink])
+    return offset - offset[-1], BoatEvent("moved", BEGINS_S + moved_s, BEGINS_S + moved_s, MOVE_UT)
 
 
 def _steel(rng: Generator, time: Floats, is_at_sea: Floats) -> tuple[Floats, list[BoatEvent]]:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
 
-from flinders.apps.service.clocks import FROM_1970_S, MachineClock, RecordedClock
+from flinders.apps.service.clocks import MIN_UNIX_TIME_S, MachineClock, RecordedClock
 from flinders.core.units import Unit
 from flinders.errors import UnitError, UnreadableInput, UsageError
 from flinders.links.feeds import FeedEvent
@@ -145,7 +145,7 @@ def of_recordings(recordings: Sequence[Recording], starts: Sequence[float] = ())
         Start of the times of each, s from 1970; 0 if unknown.
     """
     dated = list(zip(recordings, starts or [0.0] * len(recordings), strict=True))
-    if all(start >= FROM_1970_S for _, start in dated):
+    if all(start >= MIN_UNIX_TIME_S for _, start in dated):
         dated.sort(key=lambda each: each[1] + first_time(each[0]))
     return _Replayed(_Recordings(dated), [recording for recording, _ in dated])
 
@@ -245,9 +245,9 @@ def raw_readings(samples: Samples, unit: Unit) -> Floats:
     return samples.field if unit.scale == 1.0 else samples.field / unit.scale
 
 
-def driving_of(samples: Samples, name: str) -> Floats:
+def disturbance_values(samples: Samples, name: str) -> Floats:
     """(N,) values of a disturbance in the calibration; `UsageError` if the source lacks them."""
-    values = samples.driving(name)
+    values = samples.disturbance_values(name)
     if values is None:
         raise UsageError(
             f"the calibration depends on {name}, which {samples.source} does not record: record it, or begin with a "

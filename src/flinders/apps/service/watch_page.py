@@ -16,15 +16,15 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Final
 
-from flinders.apps.service.clocks import FROM_1970_S
+from flinders.apps.service.clocks import MIN_UNIX_TIME_S
 from flinders.apps.service.reports import moment, words_of
 from flinders.apps.service.timeline_figures import DAY_S, MARKS, timeline
-from flinders.core.units import label
+from flinders.core.units import unit_label
 from flinders.errors import figures
-from flinders.findings.words import as_sentence, capitalised
+from flinders.findings.words import as_sentence, capitalise
 from flinders.report.formatting import date_of, degrees
 from flinders.report.html_file import html_file, style_of
-from flinders.report.modules import joined
+from flinders.report.modules import join_modules
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -132,7 +132,7 @@ def page(
         "date": date_of(when),
         "release": version("flinders"),
     }
-    script = f"\n{joined('apps/service/watch.js')}\n"
+    script = f"\n{join_modules('apps/service/watch.js')}\n"
     style = style_of("apps/service/watch.css")
     return html_file("apps/service/watch.html.j2", given, style=style, script=script, filters=FILTERS)
 
@@ -173,7 +173,7 @@ def _numbers(report: Report, online: OnlineCalibration | None) -> list[tuple[str
     adopted = [event.time_s for event in online.history if event.code in {"adopted", "taken-back"}]
     since = ("In force since", *_clock(adopted[-1], "when it was adopted")) if adopted else None
     age = _number(report.age_s)
-    unit = label(report.unit or "")
+    unit = unit_label(report.unit or "")
     numbers = [
         ("95 % bound", degrees(_number(report.bound_deg)), "for all headings"),
         _good_until(report),
@@ -195,7 +195,7 @@ def _good_until(report: Report) -> tuple[str, str, str]:
 
 def _clock(seconds: float, words: str) -> tuple[str, str]:
     """Time of day, and date with further words; without a known date, the time alone."""
-    if seconds < FROM_1970_S:
+    if seconds < MIN_UNIX_TIME_S:
         return moment(seconds), words
     date = datetime.fromtimestamp(seconds, UTC)
     return f"{date:%H:%M}", f"{date:%a} {date.day} {date:%b %Y} UTC; {words}"
@@ -250,7 +250,7 @@ def _charts(points: Sequence[OnlinePoint], seconds: float, report: Report, name:
     """Drawings of a span of the timeline, for wide and for narrow screens."""
     begin = points[-1].time_s - seconds
     first = next(place for place, point in enumerate(points) if point.time_s >= begin)
-    shown, unit = points[max(first - 1, 0) :], label(report.unit or "")
+    shown, unit = points[max(first - 1, 0) :], unit_label(report.unit or "")
     wide, narrow = (
         timeline(shown, target_deg=report.target_deg, unit=unit, wide=is_wide, name=f"{name}-{is_wide}", begin=begin)
         for is_wide in (True, False)
@@ -278,7 +278,7 @@ def _row(group: Sequence[tuple[float, str, str, float]]) -> EventRow:
     time_s, code, words, error = group[-1]
     often = f" ({len(group)} times since {moment(group[0][0])})" if len(group) > 1 else ""
     shown = "" if math.isnan(error) else degrees(error)
-    return EventRow(moment(time_s) if math.isfinite(time_s) else "", code, f"{capitalised(words)}{often}", shown)
+    return EventRow(moment(time_s) if math.isfinite(time_s) else "", code, f"{capitalise(words)}{often}", shown)
 
 
 FILTERS: Final = {"sentence": as_sentence}

@@ -25,13 +25,13 @@ import msgspec
 import numpy as np
 
 from flinders.apps.service.clocks import duration
-from flinders.apps.service.kept import Kept
+from flinders.apps.service.kept import RetriedFile
 from flinders.apps.service.reports import Report, date_of, moment, words_of
-from flinders.apps.service.sources import driving_of, raw_readings, raw_unit
+from flinders.apps.service.sources import disturbance_values, raw_readings, raw_unit
 from flinders.core.files import write_text
 from flinders.errors import UnitError
 from flinders.links.feeds import FeedEvent
-from flinders.workflows.offset_history import adopted_name
+from flinders.workflows.offset_history import adoption_file_name
 from flinders.workflows.online import OnlineCalibration
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ MAX_PAGE_REPORTS: Final = 30  # Most events of the source and changed verdicts o
 
 
 @dataclass(frozen=True, slots=True)
-class Begun:
+class InitialSettings:
     """Settings of a new calibration.
 
     ``start``, ``axes``, ``target_deg``, ``dip_deg`` and ``walk`` are as for `OnlineCalibration`, the walk in
@@ -132,7 +132,7 @@ class Watch:
     def __init__(
         self,
         source: Source,
-        calibration: OnlineCalibration | Begun | None = None,
+        calibration: OnlineCalibration | InitialSettings | None = None,
         *,
         files: Files | None = None,
         every: float = PERIOD_S,
@@ -145,7 +145,7 @@ class Watch:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._source, self._files, self._every = source, files or Files(), every
-        self._begun = calibration if isinstance(calibration, Begun) else Begun()
+        self._begun = calibration if isinstance(calibration, InitialSettings) else InitialSettings()
         self._online = calibration if isinstance(calibration, OnlineCalibration) else None
         self._is_locked, self._tell, self._say, self._stopped, self._clock = is_locked, tell, say, stopped, clock
         self._unit, since = unit_of(calibration or self._begun), since_of(calibration or self._begun)
@@ -168,7 +168,7 @@ class Watch:
         written = self._files
         named = (written.state, written.adopted, written.status, written.prometheus, written.page)
         self._state, self._calibration, self._status, self._metrics, self._page = (
-            Kept(name or "", say) for name in named
+            RetriedFile(name or "", say) for name in named
         )
 
     def run(self) -> Report:
@@ -301,7 +301,7 @@ class Watch:
         self._field = np.concatenate([self._field, readings])
         self._time = np.concatenate([self._time, samples.time])
         self._driving = {
-            name: np.concatenate([self._driving.get(name, np.empty(0)), driving_of(samples, name)])
+            name: np.concatenate([self._driving.get(name, np.empty(0)), disturbance_values(samples, name)])
             for name in self._online.disturbances
         }
         seconds = np.floor(self._time)
@@ -390,7 +390,7 @@ class Watch:
         if path is None or self._adopted is None:
             return
         fit, time_s = self._adopted
-        file = Path(path) / adopted_name(time_s) if Path(path).is_dir() else Path(path)
+        file = Path(path) / adoption_file_name(time_s) if Path(path).is_dir() else Path(path)
         if self._calibration.write(lambda: fit.save(file, force=True)):
             self._adopted = None
 
@@ -398,7 +398,7 @@ class Watch:
         """Send the calibration in force if due, and report the outcome."""
         if self._handover is None or self._online is None:
             return
-        happened = self._handover.look(self._online, self._now())
+        happened = self._handover.send_if_due(self._online, self._now())
         if happened is None:
             return
         event, words = happened
@@ -481,21 +481,21 @@ class Watch:
         self._tell(report)
 
 
-def unit_of(calibration: OnlineCalibration | Begun) -> Unit | None:
+def unit_of(calibration: OnlineCalibration | InitialSettings) -> Unit | None:
     """Unit of a calibration's readings; None if the first reading decides."""
     if isinstance(calibration, OnlineCalibration):
         return calibration.unit
     return None if calibration.start is None else calibration.start.calibration.raw
 
 
-def frame_in(calibration: OnlineCalibration | Begun) -> str | None:
+def frame_in(calibration: OnlineCalibration | InitialSettings) -> str | None:
     """Axes of a calibration's readings, ``sensor`` or ``vehicle``; None if the first reading decides."""
     if isinstance(calibration, OnlineCalibration):
         return calibration.frame if calibration.state.doing != "learning" else None
     return None if calibration.start is None else calibration.start.calibration.frame
 
 
-def since_of(calibration: OnlineCalibration | Begun) -> float | None:
+def since_of(calibration: OnlineCalibration | InitialSettings) -> float | None:
     """Time of the last reading of a continued calibration; None for a new one."""
     reached = calibration.time_s if isinstance(calibration, OnlineCalibration) else math.nan
     return reached if math.isfinite(reached) else None

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from flinders.core.lazy import attributes
+from flinders.core.lazy import lazy_getattr
 
 if TYPE_CHECKING:
     from flinders.apps.survey.aeromagnetic import compensate_flight as compensate_flight
@@ -42,4 +42,4 @@ PUBLIC = {
 }
 
 if not TYPE_CHECKING:
-    __getattr__ = attributes(__name__, PUBLIC)
+    __getattr__ = lazy_getattr(__name__, PUBLIC)

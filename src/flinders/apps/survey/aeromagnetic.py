@@ -18,11 +18,11 @@ import msgspec
 import numpy as np
 from msgspec import Struct
 
-from flinders.apps.survey.tolles_lawson_fit import TollesLawson, fitted
+from flinders.apps.survey.tolles_lawson_fit import TollesLawson, fit_coefficients
 from flinders.apps.survey.tolles_lawson_terms import NAMES, scalar_of
-from flinders.core.calibration_file import Count, NotNegative, gaps, understood
+from flinders.core.calibration_file import Count, NotNegative, nonfinite_places, parse_document
 from flinders.core.files import read_bytes
-from flinders.core.joining import in_memory
+from flinders.core.joining import read_into_memory
 from flinders.core.json_layout import lay_out
 from flinders.errors import DocumentError, UsageError
 from flinders.estimators.data import recording_of
@@ -92,7 +92,7 @@ def tolles_lawson(source: AnyReadings) -> TollesLawson:
     Raises
     ------
     InputError, FitError
-        As for `flinders.apps.survey.tolles_lawson_fit.fitted`; `UsageError` for a summary.
+        As for `flinders.apps.survey.tolles_lawson_fit.fit_coefficients`; `UsageError` for a summary.
 
     Examples
     --------
@@ -101,7 +101,7 @@ def tolles_lawson(source: AnyReadings) -> TollesLawson:
     >>> tolles_lawson(one_heading.samples).unobserved[0]
     'permanent x'
     """
-    return fitted(_flight(source))
+    return fit_coefficients(_flight(source))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,7 +141,7 @@ def compensate_flight(source: AnyReadings, coefficients: TollesLawson | str | os
     """
     fit = coefficients if isinstance(coefficients, TollesLawson) else load(coefficients)
     samples = _flight(source)
-    summary, scalar = fit.compensated(samples), 1000.0 * scalar_of(samples)
+    summary, scalar = fit.compensate(samples), 1000.0 * scalar_of(samples)
     return CompensatedFlight(samples.as_columns()["time_s"], scalar, scalar - fit.interference(samples), summary)
 
 
@@ -150,7 +150,7 @@ def _flight(source: AnyReadings) -> Samples:
     recording, _ = recording_of(source)
     if isinstance(recording, Summary):
         raise UsageError("a compensation needs readings: give the recording, not its summary")
-    return in_memory(recording)
+    return read_into_memory(recording)
 
 
 def as_dict(fit: TollesLawson) -> dict[str, Any]:
@@ -185,7 +185,7 @@ FILE_FIELDS: Final = (
 def dumps(fit: TollesLawson) -> str:
     """Text of a file of coefficients, which is read back exactly; raises `UsageError` for numbers not finite."""
     content = as_dict(fit)
-    for place in gaps(content):
+    for place in nonfinite_places(content):
         raise UsageError(f"coefficients: {place} is not finite: only finite numbers are written")
     return lay_out(content) + "\n"
 
@@ -193,7 +193,7 @@ def dumps(fit: TollesLawson) -> str:
 def loads(text: str | bytes, *, source: str = "coefficients") -> TollesLawson:
     """Coefficients from the text of a file; raises `DocumentError` for a faulty one."""
     what = "a file of coefficients of `flinders tolles-lawson`"
-    document = understood(text, CoefficientFile, source, what=what, refused=DocumentError)
+    document = parse_document(text, CoefficientFile, source, what=what, refused=DocumentError)
     return TollesLawson(
         np.array([document.coefficients[name].value for name in NAMES]),
         np.array(document.covariance),

@@ -31,16 +31,16 @@ import numpy as np
 
 from flinders.apps.survey.instrument import FORWARD_RIGHT_DOWN, Angles, SurveyCalibration
 from flinders.apps.survey.pointing_error import angle_gradients, next_directions, pointing_errors
-from flinders.core.calibration import UNSTATED, Calibration
+from flinders.core.calibration import UNKNOWN_UNIT, Calibration
 from flinders.core.calibration_file import Fitted, HeadingErrorRecord
-from flinders.core.keywords import spell_checked
-from flinders.errors import FitError, counted, figures
-from flinders.findings import by_severity, found_in
-from flinders.findings.words import SHOOT_AT_REST
+from flinders.core.keywords import check_keywords
+from flinders.errors import FitError, count_text, figures
+from flinders.findings import by_severity, findings_in
+from flinders.findings.words import SHOT_ADVICE
 from flinders.fitting.result import Judged, Outcome
 from flinders.geometry.rotation import lengths
-from flinders.heading.axis_consistency import WANDERS
-from flinders.likelihood.pointing import Influence, SurveyProblem, begin, finest
+from flinders.heading.axis_consistency import MIN_DOUBTED_SCATTER
+from flinders.likelihood.pointing import Influence, SurveyProblem, min_sigmas, start_parameters
 from flinders.likelihood.solver import levenberg_marquardt
 from flinders.native.engine import engine
 
@@ -167,11 +167,11 @@ class SurveyFit(Judged, Outcome):
         azimuth, inclination = figures(self.azimuth_error_deg.rms), figures(self.inclination_error_deg.rms)
         return (
             f"SurveyFit({self.verdict}, azimuth {azimuth}° rms, inclination {inclination}° rms, "
-            f"{counted(len(self.shots.numbers), 'shot')})"
+            f"{count_text(len(self.shots.numbers), 'shot')})"
         )
 
 
-@spell_checked()
+@check_keywords()
 def fit_survey(shots: Shots, *, target_deg: float = TARGET_DEG, non_linear: bool = False) -> SurveyFit:
     """Calibrate a survey instrument.
 
@@ -248,7 +248,7 @@ def _refuse_count(count: int) -> None:
     """Refuse too few shots, and a recording that does not consist of shots."""
     if count < MIN_SHOTS:
         raise FitError(
-            f"{counted(count, 'shot')}: need at least {MIN_SHOTS}, better 24 or 56; {SHOOT_AT_REST}", found=count
+            f"{count_text(count, 'shot')}: need at least {MIN_SHOTS}, better 24 or 56; {SHOT_ADVICE}", found=count
         )
     if count > MAX_SHOTS:
         raise FitError(
@@ -261,14 +261,16 @@ def _refuse_count(count: int) -> None:
 def _start(magnetic: Floats, gravity: Floats) -> SurveyParameters:
     """Start of the iteration; raises FitError if the sensors or their axes do not fit the model at all."""
     try:
-        start = begin(magnetic, gravity)
+        start = start_parameters(magnetic, gravity)
     except np.linalg.LinAlgError:
         raise FitError(
-            f"readings of a sensor are constant, or do not lie on a sphere: {SHOOT_AT_REST}, and check the columns"
+            f"readings of a sensor are constant, or do not lie on a sphere: {SHOT_ADVICE}, and check the columns"
         ) from None
-    field, down = (vectors / lengths(vectors)[:, np.newaxis] for vectors in start.corrected(magnetic, gravity))
+    field, down = (
+        vectors / lengths(vectors)[:, np.newaxis] for vectors in start.corrected_directions(magnetic, gravity)
+    )
     scatter = float(np.std(np.einsum("ni,ni->n", field, down)))
-    if scatter > WANDERS:
+    if scatter > MIN_DOUBTED_SCATTER:
         raise FitError(
             f"the angle between gravity and field is not the same in all shots (sin I scatters by {scatter:.2f}): the "
             "axes of accelerometer and magnetometer are inconsistent, or iron was near. State the axes of each sensor "
@@ -284,7 +286,7 @@ def _refuse_unrolled(groups: NDArray[np.intp]) -> None:
     if len(np.unique(groups)) == len(groups):
         raise FitError(
             f"no two successive shots are within {MAX_SAME_DIRECTION_DEG:.0f}° of the same direction: the axis of the "
-            f"laser cannot be determined; {SHOOT_AT_REST}, and check which axis is the laser's",
+            f"laser cannot be determined; {SHOT_ADVICE}, and check which axis is the laser's",
             hint={"pointing": None},
             same_deg=MAX_SAME_DIRECTION_DEG,
         )
@@ -310,7 +312,7 @@ def _fit_without_contradicting(
     while True:
         counts = np.flatnonzero(~excluded)
         problem = SurveyProblem.of(magnetic[counts], gravity[counts], groups[counts], is_quadratic=is_quadratic)
-        iterate = levenberg_marquardt(problem, problem.initial(begin(magnetic[counts], gravity[counts])))
+        iterate = levenberg_marquardt(problem, problem.initial(start_parameters(magnetic[counts], gravity[counts])))
         contradiction = Influence.of(problem, iterate).contradiction
         worst = int(np.argmax(contradiction))
         is_one = contradiction[worst] > MAX_CONTRADICTION * float(np.median(contradiction))
@@ -325,7 +327,7 @@ def _covariance(problem: SurveyProblem, iterate: SurveyIterate) -> Floats:
     Each kind of residual is widened for its number of readings, unless its standard deviation is the smallest possible.
     """
     influence, own = Influence.of(problem, iterate), problem.layout.instrument
-    is_least = iterate.weights <= finest(iterate.at)
+    is_least = iterate.weights <= min_sigmas(iterate.at)
     factors = np.where(is_least, 1.0, [engine().widening_by_few(freedom) for freedom in influence.freedom.tolist()])
     return influence.covariance(factors)[own, own]
 
@@ -335,12 +337,12 @@ def _calibration(at: SurveyParameters, shots: Shots) -> SurveyCalibration:
     forward = FORWARD_RIGHT_DOWN[shots.pointing].apply(np.eye(3)).T
 
     def of(own: Parameters, unit: Unit, axes: Axes) -> Calibration:
-        matrix = own.radius * forward.T @ at.to_instrument @ np.linalg.inv(own.ellipsoid_like) @ forward
+        matrix = own.radius * forward.T @ at.to_instrument @ np.linalg.inv(own.rotated_shape) @ forward
         return Calibration(matrix, forward.T @ own.offset, own.radius, rotation="estimated", raw=unit, axes=axes)
 
     return SurveyCalibration(
         of(at.magnetometer, shots.unit, shots.axes),
-        of(at.accelerometer, UNSTATED, shots.acceleration_axes),
+        of(at.accelerometer, UNKNOWN_UNIT, shots.acceleration_axes),
         shots.pointing,
         (*(forward.T @ at.quadratic).tolist(),),
     )
@@ -359,4 +361,4 @@ def _findings(
         "contradicting": float(errors.excluded.mean()),
     }
     left_out = [number for number, out in zip(errors.numbers, errors.excluded, strict=True) if out]
-    return by_severity(found_in({**numbers, "shot_numbers": left_out}, "pointing-error", "shots-contradict"))
+    return by_severity(findings_in({**numbers, "shot_numbers": left_out}, "pointing-error", "shots-contradict"))

@@ -17,7 +17,7 @@ from flinders.apps.survey.calibration import check_shots
 from flinders.apps.survey.instrument import Shots, SurveyCalibration
 from flinders.apps.survey.shots import read_shots
 from flinders.apps.survey.targets import of_distox, of_mag_cal
-from flinders.core.calibration_file import LARGEST
+from flinders.core.calibration_file import MAX_BYTES
 from flinders.core.files import read_bytes
 from flinders.errors import DocumentError
 
@@ -56,7 +56,7 @@ def load_survey(path: AnyPath) -> SurveyCalibration:
 
     Raises `DocumentError` for another file.
     """
-    content = read_bytes(path, largest=LARGEST, what="calibration", refused=DocumentError)
+    content = read_bytes(path, largest=MAX_BYTES, what="calibration", refused=DocumentError)
     if b'"flinders"' in content:
         return SurveyCalibration.load(path)
     try:

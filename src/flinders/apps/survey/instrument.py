@@ -23,9 +23,9 @@ from typing import TYPE_CHECKING, Final, Literal, NamedTuple, Self
 import msgspec
 import numpy as np
 
-from flinders.arrays import floats, table
+from flinders.arrays import check_table, to_floats
 from flinders.core.axes import Axes
-from flinders.core.calibration import AS_RECORDED, UNSTATED, Calibration
+from flinders.core.calibration import RECORDED_AXES, UNKNOWN_UNIT, Calibration
 from flinders.core.calibration_file import Recorded, SurveyRecord, read, write
 from flinders.errors import ArrayError, DocumentError, NoAccelerometer, UsageError
 
@@ -84,7 +84,7 @@ class SurveyCalibration:
         y, and if y points down for one along z.
         """
         axes = FORWARD_RIGHT_DOWN[self.pointing]
-        readings = floats(gravity)
+        readings = to_floats(gravity)
         field = self.magnetometer.apply(magnetic)
         down = self.accelerometer.apply(readings + self.quadratic * readings**2)
         return pointing_angles(axes.apply(field), axes.apply(down))
@@ -161,10 +161,10 @@ class Shots:
     groups: NDArray[np.intp] | None = None
     numbers: tuple[int, ...] = ()  #: numbers of the shots in the file; by default 1, 2, 3, …
     pointing: Pointing = "x"  #: axis of the laser: x, y or z
-    unit: Unit = UNSTATED  #: unit of the magnetometer
+    unit: Unit = UNKNOWN_UNIT  #: unit of the magnetometer
     #: mapping from recorded axes of each sensor to right-handed axes of the instrument
-    axes: Axes = AS_RECORDED
-    acceleration_axes: Axes = AS_RECORDED
+    axes: Axes = RECORDED_AXES
+    acceleration_axes: Axes = RECORDED_AXES
     source: str = "shots"
 
     @classmethod
@@ -183,7 +183,7 @@ class Shots:
     def __post_init__(self) -> None:
         """Check the arrays."""
         for name in ("magnetic", "gravity"):
-            object.__setattr__(self, name, table(getattr(self, name), name))
+            object.__setattr__(self, name, check_table(getattr(self, name), name))
         if not self.numbers:
             object.__setattr__(self, "numbers", tuple(range(1, len(self) + 1)))
         for name in ("gravity", "groups", "numbers"):

@@ -10,9 +10,9 @@ from rich.table import Column
 from rich.text import Text
 
 from flinders.apps.survey.tolles_lawson_terms import BAND_HZ, NAMES
-from flinders.errors import counted, figures
-from flinders.report.formatting import degrees, with_uncertainty, written_time
-from flinders.report.terminal import facts, notes, page, styled, table, verdict
+from flinders.errors import count_text, figures
+from flinders.report.formatting import degrees, duration_words, with_uncertainty
+from flinders.report.terminal import facts, notes, page, style_cells, table, verdict
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -48,7 +48,7 @@ def of_check(shots: ShotErrors, name: str) -> RenderableType:
         if math.isnan(shots.rms_deg)
         else f"with {name}, shots in the same direction point {degrees(shots.rms_deg)} (rms) from their mean"
     )
-    return page(of_shots(shots), Text(f"{words}; {counted(count, 'direction')}"))
+    return page(of_shots(shots), Text(f"{words}; {count_text(count, 'direction')}"))
 
 
 def _rows(shots: ShotErrors) -> Iterator[list[Text]]:
@@ -57,7 +57,7 @@ def _rows(shots: ShotErrors) -> Iterator[list[Text]]:
         error = "" if math.isnan(row["error_deg"]) else f"{row['error_deg']:.2f}°"
         angles = (f"{row[name]:.1f}°" for name in ("azimuth_deg", "inclination_deg", "roll_deg"))
         style, mark = ("yellow", " repeat") if row["excluded"] else ("", "")
-        yield styled(style, str(row["shot"]), str(row["direction"]), *angles, error + mark)
+        yield style_cells(style, str(row["shot"]), str(row["direction"]), *angles, error + mark)
 
 
 def _facts(fit: SurveyFit) -> list[tuple[str, str]]:
@@ -79,7 +79,7 @@ def _verdict(fit: SurveyFit) -> RenderableType:
     azimuth, inclination = fit.azimuth_error_deg, fit.inclination_error_deg
     words = f"azimuth to {degrees(azimuth.rms)}, inclination to {degrees(inclination.rms)} (1 σ, within 30° of level)"
     count = int((~fit.shots.excluded).sum())
-    more = f"worst {degrees(azimuth.worst)} and {degrees(inclination.worst)}; {counted(count, 'shot')}"
+    more = f"worst {degrees(azimuth.worst)} and {degrees(inclination.worst)}; {count_text(count, 'shot')}"
     return verdict(fit.verdict.upper(), fit.verdict, words, more)
 
 
@@ -100,7 +100,7 @@ def of_tolles_lawson(fit: TollesLawson) -> RenderableType:
     """Lay out a fit: its verdict, its limits, the coefficients and their evidence."""
     words = f"the compensation makes readings {fit.improvement:.1f} times as quiet (improvement ratio, held out)"
     known = [
-        ("flight", f"{counted(fit.readings, 'reading')} in {written_time(fit.seconds)} without gaps"),
+        ("flight", f"{count_text(fit.readings, 'reading')} in {duration_words(fit.seconds)} without gaps"),
         ("before", f"{_nanotesla(fit.before)}, standard deviation from {BAND_HZ[0]:g} to {BAND_HZ[1]:g} Hz"),
         (
             "held out",

@@ -4,7 +4,7 @@ The errors are those of shots within 30° of level, at all azimuths and rolls: f
 of `flinders.likelihood.pointing` and the Jacobian of both angles. The Fisher information of a further direction with
 four rolls is calculated with the same observation terms.
 
->>> level = posed(np.array([90.0]), np.array([0.0]), np.array([0.0]))                # the first axis points to the east
+>>> level = attitudes_of(np.array([90.0]), np.array([0.0]), np.array([0.0]))                # the first axis points to the east
 >>> level[0].round(9)[:, 0] + 0.0
 array([0., 1., 0.])
 """
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from flinders.apps.survey.instrument import PROCEDURE, ROLLS_DEG
-from flinders.geometry.quaternions import of_angles
+from flinders.geometry.quaternions import from_angles
 from flinders.likelihood.attitude import body_to_world
 from flinders.likelihood.pointing import DOWN, ShotGroup, SurveyLayout, SurveyParameters
 
@@ -48,23 +48,23 @@ class NextDirection(NamedTuple):
     inclination_error_deg: float  #: expected rms after shots in this direction and the previous ones
 
 
-def posed(azimuth_deg: Floats, inclination_deg: Floats, roll_deg: Floats) -> Floats:
+def attitudes_of(azimuth_deg: Floats, inclination_deg: Floats, roll_deg: Floats) -> Floats:
     """(N, 3, 3) rotations from an instrument's axes to north, east and down, from (N,) angles of its first axis."""
     roll, pitch, yaw = np.radians(np.stack([roll_deg, inclination_deg, azimuth_deg]))
-    return body_to_world(of_angles(np.stack([roll, pitch, yaw], axis=-1)))
+    return body_to_world(from_angles(np.stack([roll, pitch, yaw], axis=-1)))
 
 
 def predict_readings(at: SurveyParameters, attitudes: Floats) -> tuple[Floats, Floats]:
     """(N, 3) readings of field and gravity without noise, in (N, 3, 3) attitudes of the accelerometer's axes."""
     back = np.swapaxes(attitudes, 1, 2)
-    magnetic = at.magnetometer.offset + back @ at.field @ at.magnetometer.ellipsoid_like.T
-    return magnetic, curved(at.accelerometer.offset + back @ DOWN @ at.accelerometer.shape, at.quadratic)
+    magnetic = at.magnetometer.offset + back @ at.field @ at.magnetometer.rotated_shape.T
+    return magnetic, invert_quadratic(at.accelerometer.offset + back @ DOWN @ at.accelerometer.shape, at.quadratic)
 
 
-def curved(straight: Floats, quadratic: Floats) -> Floats:
+def invert_quadratic(straight: Floats, quadratic: Floats) -> Floats:
     """(..., 3) readings g of an accelerometer with quadratic terms q, from (..., 3) corrected g + q g².
 
-    >>> g = curved(np.array([-1.0, 0.0, 1.0]), np.array([0.04, 0.04, -0.04]))
+    >>> g = invert_quadratic(np.array([-1.0, 0.0, 1.0]), np.array([0.04, 0.04, -0.04]))
     >>> (g + np.array([0.04, 0.04, -0.04]) * g**2).round(12)
     array([-1.,  0.,  1.])
     """
@@ -78,10 +78,10 @@ def angle_gradients(at: SurveyParameters, gravity: float = 0.0) -> Floats:
     P is 24, or 27 with quadratic terms; `gravity` is then that of `SurveyLayout`.
     """
     grid = np.meshgrid(AZIMUTHS_DEG, INCLINATIONS_DEG, ROLLS_DEG, indexing="ij")
-    readings = predict_readings(at, posed(*(axis.ravel() for axis in grid)) @ at.to_instrument)
+    readings = predict_readings(at, attitudes_of(*(axis.ravel() for axis in grid)) @ at.to_instrument)
     here, layout, bare = at.angles(*readings), SurveyLayout(0, gravity), at.without_attitudes
     sizes = np.repeat([at.magnetometer.radius, 1.0, at.accelerometer.radius, 1.0], [9, 3, 9, layout.size - 21])
-    moved = [bare.moved(step, layout).angles(*readings) for step in np.diag(RELATIVE_STEP * sizes)]
+    moved = [bare.take_step(step, layout).angles(*readings) for step in np.diag(RELATIVE_STEP * sizes)]
     change = np.stack(moved, axis=-1) - here[..., np.newaxis]
     gradients: Floats = ((change + np.pi) % (2.0 * np.pi) - np.pi) / (RELATIVE_STEP * sizes)
     return gradients
@@ -125,11 +125,11 @@ def _information(
 ) -> Floats:
     """(P, P) Fisher information of additional shots in one direction with four rolls."""
     angles = np.broadcast_arrays(azimuth_deg, inclination_deg, ROLLS_DEG)
-    attitudes = posed(*angles) @ at.to_instrument
+    attitudes = attitudes_of(*angles) @ at.to_instrument
     there = at.with_attitudes(attitudes)
     group = ShotGroup.of(*predict_readings(at, attitudes), np.zeros(len(attitudes), np.intp))
     layout = SurveyLayout(len(attitudes), gravity)
-    matrix = group.linearised(there, group.guess(there), layout, noises).matrix
+    matrix = group.linearise(there, group.guess(there), layout, noises).matrix
     own, other = layout.instrument, layout.attitudes
     added: Floats = matrix[own, own] - matrix[own, other] @ np.linalg.solve(matrix[other, other], matrix[other, own])
     return added

@@ -25,12 +25,12 @@ import numpy as np
 
 from flinders.apps.survey.instrument import Shots
 from flinders.core.axes import Axes
-from flinders.core.keywords import spell_checked
+from flinders.core.keywords import check_keywords
 from flinders.errors import ArrayError, NoMagnetometer, UnreadableInput, UsageError
 from flinders.readers import read
 from flinders.readers._lines import encoding_of
-from flinders.readers._source import HEAD, find
-from flinders.readers._tokenizer import shown
+from flinders.readers._source import HEAD_BYTES, find
+from flinders.readers._tokenizer import shorten
 
 if TYPE_CHECKING:
     import os
@@ -47,7 +47,7 @@ NEED: Final = (
 )
 
 
-@spell_checked()
+@check_keywords()
 def read_shots(
     path: str | os.PathLike[str],
     *,
@@ -105,7 +105,7 @@ def instrument_shots(
 def _text(head: bytes) -> str:
     """Content of a small text file; empty for any other."""
     try:
-        return head.decode(encoding_of(head)).removeprefix("\ufeff") if len(head) < HEAD else ""
+        return head.decode(encoding_of(head)).removeprefix("\ufeff") if len(head) < HEAD_BYTES else ""
     except UnicodeDecodeError:
         return ""
 
@@ -152,6 +152,6 @@ def _numbers(name: str, at: int, line: str) -> Floats:
         row = np.empty(0)
     if len(row) != 9 or not np.isfinite(row).all():
         raise UnreadableInput(
-            f"line {at} of {name} has no eight numbers (shot, gravity, field, group): {shown(line)!r}: {NEED}"
+            f"line {at} of {name} has no eight numbers (shot, gravity, field, group): {shorten(line)!r}: {NEED}"
         )
     return row

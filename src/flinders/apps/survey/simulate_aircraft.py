@@ -22,11 +22,11 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from flinders.arrays import Floats, frozen, matrix, triple
+from flinders.arrays import Floats, check_matrix, check_triple, read_only_copy
 from flinders.core.samples import Samples
 from flinders.errors import UsageError
-from flinders.simulate.attitudes import north_and_down, posed, seen_from
-from flinders.simulate.motions import GRAVITY, wandering
+from flinders.simulate.attitudes import attitudes_of, in_body_axes, north_and_down
+from flinders.simulate.motions import GRAVITY, smooth_noise
 from flinders.simulate.sensor import Sensor
 
 if TYPE_CHECKING:
@@ -82,9 +82,9 @@ class Aircraft:
 
     def __post_init__(self) -> None:
         """Keep read-only copies."""
-        object.__setattr__(self, "permanent", frozen(triple(self.permanent, "permanent")))
+        object.__setattr__(self, "permanent", read_only_copy(check_triple(self.permanent, "permanent")))
         for name in ("induced", "eddy"):
-            object.__setattr__(self, name, frozen(matrix(getattr(self, name), name)))
+            object.__setattr__(self, name, read_only_copy(check_matrix(getattr(self, name), name)))
 
     @classmethod
     def random(cls, rng: Generator) -> Self:
@@ -169,8 +169,8 @@ def calibration_flight(
     angles, flown = _flight_path(rng, headings_deg, manoeuvres, rate_hz)
     angles = angles + np.radians(ATTITUDE_NOISE_DEG) * _smooth_noise(rng, len(angles), rate_hz, seconds=1.0)
     slow = geology * _smooth_noise(rng, len(angles), rate_hz, seconds=20.0)[:, :1]
-    attitudes = posed(angles[:, 2], angles[:, 1], angles[:, 0])
-    earth = (field_strength + slow) * seen_from(attitudes, north_and_down(dip_deg))
+    attitudes = attitudes_of(angles[:, 2], angles[:, 1], angles[:, 0])
+    earth = (field_strength + slow) * in_body_axes(attitudes, north_and_down(dip_deg))
     total = earth + aircraft.field(earth, rate_hz)
     scalar = np.linalg.norm(total, axis=1)
     samples = Samples.of(
@@ -246,6 +246,6 @@ def _turn(first_deg: float, last_deg: float, rate_hz: float) -> Floats:
 
 def _smooth_noise(rng: Generator, n: int, rate_hz: float, *, seconds: float) -> Floats:
     """(n, 3) smooth random values with root mean square 1."""
-    smooth = wandering(rng, n, math.exp(-1.0 / (rate_hz * seconds)))
+    smooth = smooth_noise(rng, n, math.exp(-1.0 / (rate_hz * seconds)))
     scaled: Floats = smooth / np.sqrt(np.mean(smooth**2, axis=0))
     return scaled

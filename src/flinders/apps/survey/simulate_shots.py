@@ -16,7 +16,7 @@ import numpy as np
 from flinders.apps.survey.instrument import PROCEDURE, ROLLS_DEG, Angles, Shots
 from flinders.errors import UsageError
 from flinders.simulate._checks import not_negative
-from flinders.simulate.attitudes import north_and_down, posed, seen_from
+from flinders.simulate.attitudes import attitudes_of, in_body_axes, north_and_down
 from flinders.simulate.sensor import Sensor
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ class SimulatedSurvey:
         exact = np.random.default_rng(0)
         worlds = ((self.magnetometer, north_and_down(self.dip_deg)), (self.accelerometer, np.eye(3)[2]))
         field, gravity = (
-            Sensor(own.matrix, own.offset).read(seen_from(attitudes, world), exact) for own, world in worlds
+            Sensor(own.matrix, own.offset).read(in_body_axes(attitudes, world), exact) for own, world in worlds
         )
         return field, gravity
 
@@ -87,7 +87,7 @@ def survey_shots(
     magnetometer, accelerometer = (_sensor(rng, gain, math.radians(misalignment_deg), noise) for _ in range(2))
     attitudes, groups = _attitudes(rng, shots // 4, math.radians(aim_deg))
     worlds = ((magnetometer, north_and_down(dip_deg)), (accelerometer, np.eye(3)[2]))
-    field, gravity = (sensor.read(seen_from(attitudes, world), rng) for sensor, world in worlds)
+    field, gravity = (sensor.read(in_body_axes(attitudes, world), rng) for sensor, world in worlds)
     return SimulatedSurvey(Shots(field, gravity, groups), true_angles(attitudes), magnetometer, accelerometer, dip_deg)
 
 
@@ -116,11 +116,13 @@ def _attitudes(rng: Generator, directions: int, aim: float) -> tuple[Floats, NDA
     about = rng.normal(0.0, sigma, (2, directions))
     headings, pitches = np.repeat(np.stack([north + azimuth, inclination]) + about, len(ROLLS_DEG), axis=1)
     rolls = np.tile(np.radians(ROLLS_DEG), directions) + rng.normal(0.0, sigma, len(headings))
-    return _add_aim_errors(rng, posed(headings, pitches, rolls), aim), np.repeat(np.arange(directions), len(ROLLS_DEG))
+    return _add_aim_errors(rng, attitudes_of(headings, pitches, rolls), aim), np.repeat(
+        np.arange(directions), len(ROLLS_DEG)
+    )
 
 
 def _add_aim_errors(rng: Generator, attitudes: Floats, aim: float) -> Floats:
     """Attitudes with errors of aim, about the axes across the laser."""
     yaw, pitch = rng.normal(0.0, aim, (2, len(attitudes)))
-    aimed: Floats = attitudes @ posed(yaw, pitch, np.zeros(len(attitudes)))
+    aimed: Floats = attitudes @ attitudes_of(yaw, pitch, np.zeros(len(attitudes)))
     return aimed

@@ -20,7 +20,7 @@ spread of each term, chosen by cross-validation over half minutes, constrains te
 
 >>> from flinders.apps.survey.simulate_aircraft import calibration_flight
 >>> flight = calibration_flight(seed=1)
->>> fit = fitted(flight.samples)
+>>> fit = fit_coefficients(flight.samples)
 >>> bool(fit.improvement > 10.0), fit.unobserved
 (True, ())
 >>> left = flight.interference - fit.interference(flight.samples)
@@ -44,8 +44,8 @@ from typing import TYPE_CHECKING, Final, Literal, Self
 
 import numpy as np
 
-from flinders.apps.survey.tolles_lawson_terms import NAMES, Signal, turned
-from flinders.arrays import Value, frozen
+from flinders.apps.survey.tolles_lawson_terms import NAMES, Signal, rotation_map
+from flinders.arrays import Value, read_only_copy
 from flinders.errors import FitError, figures
 
 if TYPE_CHECKING:
@@ -101,8 +101,8 @@ class TollesLawson(Value):
 
     def __post_init__(self) -> None:
         """Keep read-only copies."""
-        object.__setattr__(self, "coefficients", frozen(self.coefficients))
-        object.__setattr__(self, "covariance", frozen(self.covariance))
+        object.__setattr__(self, "coefficients", read_only_copy(self.coefficients))
+        object.__setattr__(self, "covariance", read_only_copy(self.covariance))
 
     @property
     def sigma(self) -> Floats:
@@ -143,17 +143,17 @@ class TollesLawson(Value):
     def interference(self, samples: Samples) -> Floats:
         """(N,) field of the aircraft in each reading in nT, up to a constant; NaN for incomplete readings.
 
-        Raises `InputError`, `UnitError` or `FitError` as `fitted`.
+        Raises `InputError`, `UnitError` or `FitError` as `fit_coefficients`.
         """
         signal = Signal.of(samples)
         interference = np.full(len(samples), np.nan)
         interference[signal.rows] = signal.interference(self.coefficients)
         return interference
 
-    def compensated(self, samples: Samples) -> CompensationResidual:
-        """Residual of the compensation of another recording; raises as `interference` and `fitted`."""
+    def compensate(self, samples: Samples) -> CompensationResidual:
+        """Residual of the compensation of another recording; raises as `interference` and `fit_coefficients`."""
         equations = Equations.of(Signal.of(samples).runs())
-        removed = np.concatenate([run.filtered(run.interference(self.coefficients)) for run in equations.runs])
+        removed = np.concatenate([run.filter_band(run.interference(self.coefficients)) for run in equations.runs])
         left = equations.values - removed
         return CompensationResidual(
             before=equations.before,
@@ -198,7 +198,7 @@ class Equations:
     @classmethod
     def of(cls, runs: Sequence[Signal], coefficients: Floats | None = None) -> Self:
         """Equations of some runs; with coefficients, their second order is subtracted."""
-        return cls(runs, tuple(run.in_band(coefficients) for run in runs))
+        return cls(runs, tuple(run.band_cosines(coefficients) for run in runs))
 
     @property
     def readings(self) -> int:
@@ -233,7 +233,7 @@ class Equations:
 
     def products(self) -> Floats:
         """(`FOLDS`, 17, 17) sums of products of terms and strength in time, for each fold of half minutes."""
-        passed = np.concatenate([run.passed(cosines) for run, cosines in zip(self.runs, self.cosines, strict=True)])
+        passed = np.concatenate([run.to_time(cosines) for run, cosines in zip(self.runs, self.cosines, strict=True)])
         fold = np.concatenate([(run.time - run.time[0]) // FOLD_S % FOLDS for run in self.runs])
         return np.stack([passed[fold == each].T @ passed[fold == each] for each in range(FOLDS)])
 
@@ -256,7 +256,7 @@ def _inverse(normal: Floats, ridge: float) -> Floats:
     return inverse
 
 
-def fitted(samples: Samples) -> TollesLawson:
+def fit_coefficients(samples: Samples) -> TollesLawson:
     """Fit the sixteen coefficients to a calibration flight.
 
     Minimises Σ (y − Σ cⱼ xⱼ)² + λ Σ (cⱼ sⱼ)² over the cosines y of the strength and xⱼ of the terms, where sⱼ² is the
@@ -313,7 +313,7 @@ def fitted(samples: Samples) -> TollesLawson:
 
 def _all_headings(gram: Floats) -> Floats:
     """(16, 16) mean products of the terms for the same manoeuvres on `HEADINGS` headings."""
-    maps = [turned(2.0 * np.pi * place / HEADINGS) for place in range(HEADINGS)]
+    maps = [rotation_map(2.0 * np.pi * place / HEADINGS) for place in range(HEADINGS)]
     around: Floats = np.mean([each.T @ gram @ each for each in maps], axis=0)
     return around
 

@@ -2,7 +2,7 @@
 
 >>> from flinders.apps.survey.simulate_aircraft import calibration_flight
 >>> [run] = Signal.of(calibration_flight(seed=1).samples).runs()
->>> run.terms().shape[1], run.in_band().shape[1]
+>>> run.terms().shape[1], run.band_cosines().shape[1]
 (16, 17)
 """
 
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.arrays import runs
+from flinders.arrays import true_runs
 from flinders.errors import FitError, InputError, StuckAxis, UnitError, figures
 from flinders.geometry.rotation import rotations
 
@@ -126,7 +126,7 @@ class Signal:
             raise FitError(
                 f"{figures(rate)} readings a second: need {MIN_RATE_HZ:g} or more, 10 are usual", rate_hz=rate
             )
-        steady = runs(np.append(np.diff(self.time) <= MAX_GAP_S, False))
+        steady = true_runs(np.append(np.diff(self.time) <= MAX_GAP_S, False))
         whole = [self[run.start : run.stop + 1] for run in steady]
         long = [run for run in whole if run.seconds >= MIN_RUN_S]
         if not long:
@@ -153,13 +153,13 @@ class Signal:
         products = np.hstack([u[:, first] * u[:, second], u[:, across] * change[:, along]])
         return np.hstack([u, products * self.strength[:, np.newaxis] / NORMAL_FIELD])
 
-    def in_band(self, coefficients: Floats | None = None) -> Floats:
+    def band_cosines(self, coefficients: Floats | None = None) -> Floats:
         """(M, 17) cosines within the band, of the terms and of the strength in nT.
 
         With coefficients, the second order of the aircraft's field is subtracted from the strength.
         """
         second = 0.0 if coefficients is None else self.second_order(coefficients)
-        return self.filtered(np.column_stack([self.terms(), 1000.0 * self.strength - second]))
+        return self.filter_band(np.column_stack([self.terms(), 1000.0 * self.strength - second]))
 
     def interference(self, coefficients: Floats) -> Floats:
         """(N,) nT by which the aircraft lengthens the field, from the coefficients."""
@@ -186,7 +186,7 @@ class Signal:
         field: Floats = permanent + self.strength[:, np.newaxis] / NORMAL_FIELD * (unit @ induced.T + change @ eddy.T)
         return field
 
-    def filtered(self, columns: Floats) -> Floats:
+    def filter_band(self, columns: Floats) -> Floats:
         """(M, ...) cosines within the band of (N, ...) columns, each without its straight line."""
         n = len(self)
         even = np.linspace(self.time[0], self.time[-1], n)
@@ -194,7 +194,7 @@ class Signal:
         line = np.column_stack([np.ones(n), np.linspace(-1.0, 1.0, n)])
         return cosine_transform(columns - line @ np.linalg.lstsq(line, columns, rcond=None)[0])[self._is_in_band]
 
-    def passed(self, cosines: Floats) -> Floats:
+    def to_time(self, cosines: Floats) -> Floats:
         """(N, ...) time series of (M, ...) cosines of the band."""
         whole = np.zeros((len(self), *cosines.shape[1:]))
         whole[self._is_in_band] = cosines
@@ -244,10 +244,10 @@ def as_coefficients(permanent: Floats, induced: Floats, eddy: Floats) -> Floats:
     return np.concatenate([permanent, both[_places(INDUCED)], eddy[_places(EDDY)]])
 
 
-def turned(angle: float) -> Floats:
+def rotation_map(angle: float) -> Floats:
     """(16, 16) map to coefficients of an aircraft from those of the same aircraft turned about z by `angle`, rad.
 
-    >>> bool(np.allclose(turned(0.3) @ turned(-0.3), np.eye(16)))
+    >>> bool(np.allclose(rotation_map(0.3) @ rotation_map(-0.3), np.eye(16)))
     True
     """
     matrix = rotations([[0.0, 0.0, angle]])[0]

@@ -29,7 +29,7 @@ from flinders.apps.vehicles.readers.tlog import (
     GROUND_STATION,
 )
 from flinders.errors import LinkError, NotSent, UsageError
-from flinders.foreign_errors import needs
+from flinders.foreign_errors import import_optional
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -86,7 +86,7 @@ class Vehicle:
     """
 
     def __init__(self, source: ByteSource, *, answer: float = ANSWER_S, silent: float = SILENT_S) -> None:
-        self._dialect = needs("pymavlink.dialects.v20.common", "mavlink", "a vehicle on MAVLink")
+        self._dialect = import_optional("pymavlink.dialects.v20.common", "mavlink", "a vehicle on MAVLink")
         self.source, self._answer, self._silent = source, answer, silent
         self._link: Any = self._dialect.MAVLink(source, srcSystem=OUR_SYSTEM, srcComponent=OUR_COMPONENT)
         self._link.robust_parsing = True
@@ -193,7 +193,7 @@ class Vehicle:
                 if message.get_type() == "PARAM_ERROR":
                     return answered
                 answered, others = self._decode_value(message), others + 1
-                if same(answered, parameter.value) or others == MAX_OTHER_ANSWERS:
+                if is_same_float32(answered, parameter.value) or others == MAX_OTHER_ANSWERS:
                     return answered
                 break
         return answered
@@ -302,6 +302,6 @@ def _parameter_name(message: Any, names: Sequence[str]) -> str:  # noqa: ANN401
     return name if name in names else ""
 
 
-def same(one: float, other: float) -> bool:
+def is_same_float32(one: float, other: float) -> bool:
     """Whether two values are the same float32; two NaN are the same."""
     return bool(np.array_equal(np.float32(one), np.float32(other), equal_nan=True))

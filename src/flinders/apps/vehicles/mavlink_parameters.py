@@ -22,11 +22,11 @@ import time
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, Self
 
-from flinders.apps.vehicles.mavlink import ARDUPILOT, KINDS, PX4, Parameter, Vehicle, same
+from flinders.apps.vehicles.mavlink import ARDUPILOT, KINDS, PX4, Parameter, Vehicle, is_same_float32
 from flinders.apps.vehicles.targets import ardupilot, px4
 from flinders.errors import LinkError, NotConfirmed, NotSent, UsageError
 from flinders.targets import ExportOptions, find
-from flinders.targets._mounting import MOST_TURN_DEG, apart_deg, in_words
+from flinders.targets._mounting import MAX_TURN_DEG, apart_deg, in_words
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -60,7 +60,7 @@ class ParameterChange:
     @property
     def is_none(self) -> bool:
         """The vehicle holds the value already."""
-        return same(self.old.value, self.new.value)
+        return is_same_float32(self.old.value, self.new.value)
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,9 +225,9 @@ class ParameterPlan:
             parameter = None
             for _ in range(MAX_READBACKS):  # a late answer may belong to an earlier request
                 parameter = self.vehicle.get(change.new.name)
-                if parameter is None or same(parameter.value, change.new.value):
+                if parameter is None or is_same_float32(parameter.value, change.new.value):
                     break
-            if parameter is None or not same(parameter.value, change.new.value):
+            if parameter is None or not is_same_float32(parameter.value, change.new.value):
                 answer = "is not answered" if parameter is None else f"is {_float32_text(parameter.value)}"
                 raise NotConfirmed(f"{change.new.name} {answer} in place of {_float32_text(change.new.value)}")
 
@@ -271,7 +271,7 @@ def _check_mounting(
         )
     values = _without_missing(values, present) if vehicle.autopilot == PX4 else _free_custom(vehicle, compass, values)
     new = kind.read({**present, **values}, compass).own_mounting if names else mounting
-    if new is None or min(apart_deg(now, mounting), apart_deg(now, new)) > MOST_TURN_DEG:
+    if new is None or min(apart_deg(now, mounting), apart_deg(now, new)) > MAX_TURN_DEG:
         raise NotSent(
             f"compass {compass} of {vehicle.name} is mounted by {in_words(now)}, and was mounted by "
             f"{in_words(mounting)} during the recording; nothing was changed. Make a new recording, or restore the "
@@ -411,7 +411,7 @@ def _refuse_another(vehicle: Vehicle, compass: int, present: int, wanted: int | 
 def _set(vehicle: Vehicle, new: Parameter) -> None:
     """Set a parameter; `NotConfirmed` if the vehicle answers otherwise or not at all."""
     answered = vehicle.set(new)
-    if answered is None or not same(answered, new.value):
+    if answered is None or not is_same_float32(answered, new.value):
         why = "does not answer" if answered is None else f"answered {_float32_text(answered)}"
         raise NotConfirmed(f"{vehicle.name} did not confirm {new.name} as {_float32_text(new.value)}: it {why}")
 
@@ -436,7 +436,7 @@ def _put_back(vehicle: Vehicle, touched: list[ParameterChange], *, say: Callable
             if not vehicle.come_back(until - time.monotonic()):
                 break
             continue
-        if answered is None or not same(answered, left[0].old.value):
+        if answered is None or not is_same_float32(answered, left[0].old.value):
             refused.append(left[0])
         left.pop(0)
     if not left and not refused:

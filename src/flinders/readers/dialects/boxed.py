@@ -15,7 +15,7 @@ from collections import Counter
 from itertools import pairwise
 from typing import TYPE_CHECKING, Final
 
-from flinders.readers._cells import number, quoted
+from flinders.readers._cells import parse_number, quote_cell
 from flinders.readers.dialects import Dialect
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ class Boxed(Dialect):
         cells = _cells(line)
         if len(cells) != len(self.names):
             return None
-        return () if tuple(cells) == self.names else list(map(quoted, cells))
+        return () if tuple(cells) == self.names else list(map(quote_cell, cells))
 
 
 def recognise(lines: list[str]) -> Boxed | None:
@@ -53,7 +53,7 @@ def recognise(lines: list[str]) -> Boxed | None:
     if width < len("xyz") or 2 * often < len(rows):
         return None
     heads = (_cells(line) for line, below in pairwise(filled) if RULER.fullmatch(below) and BARS.search(line))
-    heads = (names for names in heads if len(names) == width and all(number(name, ".") is None for name in names))
+    heads = (names for names in heads if len(names) == width and all(parse_number(name, ".") is None for name in names))
     names = next((names for names in heads if any(names)), None)
     return Boxed(WORDS, tuple(names)) if names else None
 

@@ -1,14 +1,14 @@
 r"""JSON with readings in another form than one record each: lists by key, names and rows, several readings per record.
 
->>> arranged({"t": [0, 1, 2, 3, 4], "mag": {"x": [5, 5, 5, 5, 5]}, "note": "a"})[1]
+>>> arrange_records({"t": [0, 1, 2, 3, 4], "mag": {"x": [5, 5, 5, 5, 5]}, "note": "a"})[1]
 {'t': 1, 'mag.x': 5}
->>> arranged({"columns": ["mx", "my", "mz"], "data": [[1, 2, 3], [4, 5, 6]]})[1]
+>>> arrange_records({"columns": ["mx", "my", "mz"], "data": [[1, 2, 3], [4, 5, 6]]})[1]
 {'mx': 4, 'my': 5, 'mz': 6}
->>> arranged({"mag": [1, 2, 3]}) is None
+>>> arrange_records({"mag": [1, 2, 3]}) is None
 True
 >>> records = [{"t": "0", "m": [{"x": "1", "y": "2", "z": "3"}, {"x": "2", "y": "2", "z": "3"}]},
 ...            {"t": "8", "m": [{"x": "3", "y": "2", "z": "3"}, {"x": "4", "y": "2", "z": "3"}]}]
->>> [(each["t"], each["m"]["x"]) for each in one_by_one(records)]
+>>> [(each["t"], each["m"]["x"]) for each in split_records(records)]
 [('0', '1'), ('4.0', '2'), ('8', '3'), ('12.0', '4')]
 """
 
@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 
-from flinders.readers._cells import number
+from flinders.readers._cells import parse_number
 from flinders.readers._instruments import names_magnetometer, vectors
 from flinders.readers._names import FIELD, TIME, meaning
 
@@ -38,7 +38,7 @@ COMPARED_RECORDS: Final = 100  # number of records that distinguish successive r
 MIN_SENSOR_RATIO: Final = 1.5
 
 
-def arranged(document: Json) -> list[Any] | None:
+def arrange_records(document: Json) -> list[Any] | None:
     """Records of a table in one object (names and rows, lists by key, a list of records); None for other objects."""
     for body in _objects(document):
         if rows := _named_rows(body):
@@ -55,7 +55,7 @@ def arranged(document: Json) -> list[Any] | None:
     return [dict(zip(table, row, strict=True)) for row in zip(*table.values(), strict=True)]
 
 
-def one_by_one(records: list[Any]) -> list[Any]:
+def split_records(records: list[Any]) -> list[Any]:
     """Split records with several readings into one record each; others, and those of several sensors, are unchanged.
 
     The time of a record is that of its first reading; the others are spread up to the time of the next record.
@@ -89,7 +89,7 @@ def _named_rows(body: Json) -> list[Json]:
         names = [_name(head) for head in heads]
         for rows in filter(_is_list, body.values()):
             if len(rows) > 1 and all(names) and all(_is_list(row) and len(row) == len(names) for row in rows):
-                step = number(str(body["interval_ms"]), ".") if "interval_ms" in body else None
+                step = parse_number(str(body["interval_ms"]), ".") if "interval_ms" in body else None
                 times = [{"t_ms": str(step * place)} if step else {} for place in range(len(rows))]
                 return [{**time, **dict(zip(names, row, strict=True))} for time, row in zip(times, rows, strict=True)]
     return []
@@ -100,7 +100,7 @@ def _name(head: Any) -> str:  # noqa: ANN401 - JSON
     if isinstance(head, dict) and isinstance(head.get("name"), str):
         unit = head.get("units") or head.get("unit")
         return f"{head['name']} ({unit})" if isinstance(unit, str) else str(head["name"])
-    return head if isinstance(head, str) and number(head, ".") is None else ""
+    return head if isinstance(head, str) and parse_number(head, ".") is None else ""
 
 
 def _is_list(value: object) -> bool:
@@ -182,7 +182,7 @@ def _values(row: Sequence[Any]) -> Iterator[Any]:
 
 def _times(record: Json) -> dict[str, float]:
     """Numeric times of a record, by path of keys."""
-    leaves = {key: number(str(value), ".") for key, value in _plain_values(record) if meaning(key).kind == TIME}
+    leaves = {key: parse_number(str(value), ".") for key, value in _plain_values(record) if meaning(key).kind == TIME}
     return {key: value for key, value in leaves.items() if value is not None}
 
 

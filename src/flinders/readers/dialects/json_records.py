@@ -1,4 +1,4 @@
-r"""JSON: one record per line, with other lines between, or a document: a list of records, or input of `arranged`.
+r"""JSON: one record per line, with other lines between, or a document: a list of records, or input of `arrange_records`.
 
 A record is an object, or a list of numbers.
 
@@ -20,12 +20,12 @@ from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from flinders.errors import UnreadableInput
-from flinders.readers._cells import number, quoted
+from flinders.readers._cells import parse_number, quote_cell
 from flinders.readers._instruments import names_magnetometer
-from flinders.readers._source import unpacked
-from flinders.readers._tokenizer import listed, shown
+from flinders.readers._source import unpacked_chunks
+from flinders.readers._tokenizer import list_columns, shorten
 from flinders.readers.dialects import Dialect
-from flinders.readers.dialects.json_arrangements import arranged, one_by_one
+from flinders.readers.dialects.json_arrangements import arrange_records, split_records
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -33,12 +33,12 @@ if TYPE_CHECKING:
     from flinders.readers._source import Source
 
 _load = partial(json.loads, parse_float=str, parse_int=str)  # keeps numbers as they are written
-LEAST: Final = 3  # smallest count of numbers in a record with a reading
-LARGEST: Final = 256 << 20  # largest document in bytes; JSON lines may be of any length
+MIN_NUMBERS: Final = 3  # smallest count of numbers in a record with a reading
+MAX_DOCUMENT_BYTES: Final = 256 << 20  # largest document in bytes; JSON lines may be of any length
 # Start of JSON with readings; ``[INFO] …`` is a line of a log.
 JSON_START: Final = re.compile(r"\[\s*(?:[\[{\]]|-?[\d.]+(?:[eE][-+]?\d+)?\s*,|$)|\{\s*(?:\"|\}|$)")
 _NEXT: Final = re.compile(r"[\n\r](?=[\[{])")  # before a document that follows another one
-LOOKED_AT: Final = 100  # lines that are examined for the number of readings per record
+EXAMINED_LINES: Final = 100  # lines that are examined for the number of readings per record
 MARK: Final = "flinders"  # key in all files written by Flinders
 
 
@@ -50,29 +50,29 @@ class JsonLines(Dialect):
         """Values of a line's record in the order of the columns, with numbers as they are written."""
         record = _record(line)
         if isinstance(record, dict) and self.names:
-            leaves = flat(record)
+            leaves = flatten(record)
             values = [leaves.get(name) for name in self.names] if leaves.keys() & set(self.names) else []
         else:
             values = record if isinstance(record, list) and not self.names else []
-        return ["" if value is None else quoted(str(value)) for value in values] or None
+        return ["" if value is None else quote_cell(str(value)) for value in values] or None
 
 
 def recognise(lines: list[str]) -> JsonLines | None:
     """Find records with three numbers; of several sets of keys, prefer a magnetometer's, then the most frequent."""
-    records = [record for record in map(_record, lines) if record is not None and _numbers(record) >= LEAST]
-    keys = Counter(tuple(flat(record)) if isinstance(record, dict) else () for record in records)
+    records = [record for record in map(_record, lines) if record is not None and _numbers(record) >= MIN_NUMBERS]
+    keys = Counter(tuple(flatten(record)) if isinstance(record, dict) else () for record in records)
     if not keys:
         return None
     return JsonLines("JSON", max(keys, key=lambda names: (names_magnetometer(names), keys[names])))
 
 
-def flat(record: dict[str, object]) -> dict[str, object]:
+def flatten(record: dict[str, object]) -> dict[str, object]:
     """Flatten objects and lists, with dots in the names: ``mag.x``, ``mag.y.0``."""
     leaves: dict[str, object] = {}
     for key, value in record.items():
         inside = {str(place): each for place, each in enumerate(value)} if isinstance(value, list) else value
         if isinstance(inside, dict):
-            leaves |= {f"{key}.{inner}": leaf for inner, leaf in flat(inside).items()}
+            leaves |= {f"{key}.{inner}": leaf for inner, leaf in flatten(inside).items()}
         else:
             leaves[key] = value
     return leaves
@@ -87,15 +87,15 @@ def is_document(text: str) -> bool:
     if isinstance(record, dict):
         is_alone = not more.strip()
         has_list = any(isinstance(value, list) for value in record.values())
-        return MARK in record or (is_alone and (has_list or arranged(record) is not None))
+        return MARK in record or (is_alone and (has_list or arrange_records(record) is not None))
     is_closed = sum(map(first.count, "[{")) == sum(map(first.count, "]}"))
     return record in (None, []) and not (is_closed and _load_json(first) is None)
 
 
-def has_several_to_a_record(text: str) -> bool:
+def has_batches(text: str) -> bool:
     """Tell whether JSON lines contain several readings of one magnetometer per record."""
-    records = [record for record in map(_record, text.splitlines()[:LOOKED_AT]) if isinstance(record, dict)]
-    return one_by_one(records) is not records
+    records = [record for record in map(_record, text.splitlines()[:EXAMINED_LINES]) if isinstance(record, dict)]
+    return split_records(records) is not records
 
 
 def own_kind(text: str) -> str:
@@ -125,35 +125,37 @@ def _load_json(text: str) -> object:
 
 def _numbers(record: dict[str, object] | list[object]) -> int:
     """Count the numbers of a record."""
-    values = flat(record).values() if isinstance(record, dict) else record
-    return sum(isinstance(value, str) and bool(value) and number(value, ".") is not None for value in values)
+    values = flatten(record).values() if isinstance(record, dict) else record
+    return sum(isinstance(value, str) and bool(value) and parse_number(value, ".") is not None for value in values)
 
 
 def records_as_lines(source: Source, encoding: str) -> Iterator[bytes]:
     """Yield the records of a document as JSON lines."""
     content = bytearray()
-    for chunk in unpacked(source):
+    for chunk in unpacked_chunks(source):
         content += chunk
-        if len(content) > LARGEST:
+        if len(content) > MAX_DOCUMENT_BYTES:
             raise UnreadableInput(
-                f"{source.name} is one JSON document of more than {LARGEST >> 20} MB: "
+                f"{source.name} is one JSON document of more than {MAX_DOCUMENT_BYTES >> 20} MB: "
                 "write one record a line (JSON lines) or CSV"
             )
     text = content.decode(encoding, "replace").removeprefix("\ufeff")
     document, lines = _documents(source.name, text)
-    records = document if isinstance(document, list) else arranged(document) if isinstance(document, dict) else None
+    records = (
+        document if isinstance(document, list) else arrange_records(document) if isinstance(document, dict) else None
+    )
     if isinstance(document, dict) and MARK in document:
-        kind = shown(str(document[MARK]))
+        kind = shorten(str(document[MARK]))
         kind = f"an {kind}" if kind[:1] in tuple("aeiou") else f"a {kind}"
         raise UnreadableInput(f"{source.name} is {kind} file of Flinders, not a recording: give the recording")
     if not records:
         kind = "an empty list" if document == [] else f"one {'object' if isinstance(document, dict) else 'value'}"
-        keys = f" ({listed(list(document))})" if isinstance(document, dict) and document else ""
+        keys = f" ({list_columns(list(document))})" if isinstance(document, dict) and document else ""
         raise UnreadableInput(
             f"{source.name} is JSON with {kind}{keys}: need a list of [x, y, z] or of objects, or lists of one "
             "length by key"
         )
-    for record in one_by_one(records):
+    for record in split_records(records):
         yield f"{json.dumps(record)}\n".encode()
     for line in lines:
         yield f"{line}\n".encode()

@@ -25,7 +25,16 @@ from flinders.errors import NoMagnetometer
 from flinders.readers._cells import COMMENTS
 from flinders.readers._instruments import magnetometers, vectors
 from flinders.readers._names import ACCELERATION, FIELD, RATE, TEMPERATURE, TIME, clearness, meaning
-from flinders.readers._tokenizer import QUANTITY, cut, is_labelled, label_of, like, names_of, pattern_of, shown
+from flinders.readers._tokenizer import (
+    QUANTITY,
+    compile_pattern,
+    is_labelled,
+    label_of,
+    names_of,
+    pattern_of,
+    shorten,
+    split_line,
+)
 from flinders.readers.dialects import Dialect
 
 if TYPE_CHECKING:
@@ -34,9 +43,11 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 Kind: TypeAlias = "tuple[str, ...]"  # names of a line's numbers, which are equal for all lines of one kind
-OFTEN: Final = 0.5  # smallest frequency of a kind that is preferred for its unit, relative to the most frequent kind
-SELDOM: Final = 0.05  # smallest frequency of a kind that is read with the magnetometer, relative to it
-LEAST_SHARE: Final = 0.1
+MIN_KIND_SHARE: Final = (
+    0.5  # smallest frequency of a kind that is preferred for its unit, relative to the most frequent kind
+)
+MIN_AUXILIARY_SHARE: Final = 0.05  # smallest frequency of a kind that is read with the magnetometer, relative to it
+MIN_FIELD_SHARE: Final = 0.1
 """Smallest share of the magnetometer among lines of three or more numbers; labels that change are no names."""
 AUXILIARY: Final = (ACCELERATION, RATE, TEMPERATURE, TIME)
 DELIMITERS: Final = frozenset(("", ",", ";", '"', '","', '";"', ":", "/"))
@@ -44,14 +55,14 @@ DELIMITERS: Final = frozenset(("", ",", ";", '"', '","', '";"', ":", "/"))
 _SETTING: Final = re.compile(r"calibration|offset|bias|matrix|(hard|soft).?iron", re.IGNORECASE)
 """Words of lines that print the configuration or correction of a sensor."""
 _AXIS_ALONE: Final = re.compile(r"\s*[wxyz]\s*[:=][^:=]*", re.IGNORECASE)  # as in YAML, and in ``ros2 topic echo``
-LONGEST: Final = 2048  # largest number of characters in a printed line
+MAX_LINE_LETTERS: Final = 2048  # largest number of characters in a printed line
 PLAIN: Final = ("x", "y", "z")
 WORDS: Final = "labelled lines"
 MIN_TURNS, MIN_TURNS_FOR_STRENGTHS = 8, 24
 """Smallest number of lines whose steps, or strengths, show that several sensors alternate."""
 MAX_LABELS: Final = 6  # largest number of labels that are sensors, for lines of one kind; more are a changing word
 MIN_ROWS: Final = 10  # lines from which a column is checked for being a clock, a counter or constant
-EVEN: Final = 2.0  # ratio of the largest and smallest step of a clock or a counter
+MAX_STEP_RATIO: Final = 2.0  # ratio of the largest and smallest step of a clock or a counter
 MIN_STRENGTH_RATIO: Final = 2.0  # ratio of the median strengths of alternating sensors
 # largest step between lines of one sensor, relative to the step to the next line, if sensors alternate
 MAX_OWN_STEP_SHARE: Final = 0.3
@@ -112,12 +123,12 @@ class Labelled(Dialect):
         line = self._heading.add_label(line) if self.has_headings else line
         if not line:
             return ()
-        numbers, gaps = cut(line) if len(line) <= LONGEST else ([], ())
+        numbers, gaps = split_line(line) if len(line) <= MAX_LINE_LETTERS else ([], ())
         kind = self._kind(gaps)
         if kind is None:
             return None
         if len(self.kinds) == 1:
-            self._quick = self._quick or like(gaps)
+            self._quick = self._quick or compile_pattern(gaps)
             return numbers
         start = self.kinds[kind]
         self._cells[start : start + len(numbers)] = numbers
@@ -136,23 +147,27 @@ class Labelled(Dialect):
 
 def recognise(lines: list[str], *, marked: bool = True) -> Labelled | None:
     """Find lines whose labels name a magnetometer; unless `marked`, also three numbers between any words."""
-    lines = [line for line in lines if line.strip() and not line.lstrip().startswith(COMMENTS) and len(line) <= LONGEST]
+    lines = [
+        line
+        for line in lines
+        if line.strip() and not line.lstrip().startswith(COMMENTS) and len(line) <= MAX_LINE_LETTERS
+    ]
     every = list(map(_split_printed, lines))
     heading = _Heading()
     headed = [_split_printed(joined) for line in lines if (joined := heading.add_label(line))]
     if has_headings := _has_headings(every, headed):
         every = headed
     of_three = Counter(each.kind for each in every if len(each.numbers) >= len(PLAIN))
-    enough = OFTEN * max(of_three.values(), default=0)
+    enough = MIN_KIND_SHARE * max(of_three.values(), default=0)
     printed = [each for each in every if each.numbers and not each.is_setting and not (each.is_plain and not marked)]
     counts = Counter(each.kind for each in printed)
     labelled = list(dict.fromkeys(each.kind for each in printed if each.is_labelled or not marked))
     often = [kind for kind in labelled if counts[kind] >= enough]
     closing = _magnetometer([kind for kind in often if _may_be_readings(kind, [kind], printed)], counts)
-    if closing is not None and counts[closing] < LEAST_SHARE * of_three.total():
+    if closing is not None and counts[closing] < MIN_FIELD_SHARE * of_three.total():
         return None
     if closing is None:
-        least = max(OFTEN * max((counts[kind] for kind in labelled if any(kind)), default=0), enough)
+        least = max(MIN_KIND_SHARE * max((counts[kind] for kind in labelled if any(kind)), default=0), enough)
         dialect = _axis_by_axis([kind for kind in labelled if counts[kind] >= least], printed)
     else:
         dialect = _line_by_line(closing, counts, printed)
@@ -165,7 +180,7 @@ def recognise(lines: list[str], *, marked: bool = True) -> Labelled | None:
 
 def _is_heading(line: str) -> bool:
     """Tell whether a line is the label of the numbers in the next one: ``Magnetometer data in µT:``, ``field {``."""
-    return len(line) <= LONGEST and line.rstrip().endswith((":", "{")) and not cut(line)[0]
+    return len(line) <= MAX_LINE_LETTERS and line.rstrip().endswith((":", "{")) and not split_line(line)[0]
 
 
 def _has_headings(every: Sequence[_Printed], headed: Sequence[_Printed]) -> bool:
@@ -180,7 +195,7 @@ def _has_headings(every: Sequence[_Printed], headed: Sequence[_Printed]) -> bool
 
 
 def _split_printed(line: str) -> _Printed:
-    numbers, gaps = cut(line)
+    numbers, gaps = split_line(line)
     is_plain = set(gaps) <= DELIMITERS and "0x" not in line.casefold()
     is_setting = _SETTING.search(gaps[0]) is not None
     kind = names_of(gaps) if numbers else ()
@@ -195,7 +210,7 @@ def _labels(dialect: Labelled, printed: Sequence[_Printed]) -> dict[Kind, str]:
     labels = dict[Kind, str]()
     for kind in list(dialect.kinds):
         every = Counter(each.label for each in printed if each.kind == kind)
-        often = [label for label, count in every.items() if count >= SELDOM * every.total()]
+        often = [label for label, count in every.items() if count >= MIN_AUXILIARY_SHARE * every.total()]
         if not 0 < len(often) <= MAX_LABELS:
             continue
         labels[kind] = often[0]
@@ -204,8 +219,8 @@ def _labels(dialect: Labelled, printed: Sequence[_Printed]) -> dict[Kind, str]:
         if kind == dialect.closing or dialect.needed.intersection(_places(dialect, kind)):
             lines = [next(each.text for each in printed if (each.kind, each.label) == (kind, label)) for label in often]
             raise NoMagnetometer(
-                f"labels before {', '.join(kind)} name several sensors (such as {shown(lines[0])!r} and "
-                f"{shown(lines[1])!r}): keep the lines of the magnetometer, or state how they are printed",
+                f"labels before {', '.join(kind)} name several sensors (such as {shorten(lines[0])!r} and "
+                f"{shorten(lines[1])!r}): keep the lines of the magnetometer, or state how they are printed",
                 hint={"pattern": pattern_of(lines[0])},
             )
         del dialect.kinds[kind]
@@ -238,13 +253,13 @@ def _may_be_readings(names: Kind, kinds: Sequence[Kind], printed: Sequence[_Prin
 def _is_counter(values: Floats) -> bool:
     """Tell whether a column rises in even steps, as a clock or a counter does."""
     steps = np.diff(values[np.isfinite(values)])
-    return len(steps) >= MIN_ROWS - 1 and bool(0 < steps.max() <= EVEN * steps.min())
+    return len(steps) >= MIN_ROWS - 1 and bool(0 < steps.max() <= MAX_STEP_RATIO * steps.min())
 
 
 def _magnetometer(kinds: Sequence[Kind], counts: Counter[Kind]) -> Kind | None:
     """Select the kind that names a magnetometer: the rawest, then one that states its unit, then the most frequent."""
     sensors = {kind: fields for kind in kinds if (fields := magnetometers(kind))}
-    often = [kind for kind in sensors if counts[kind] >= OFTEN * max(counts[other] for other in sensors)]
+    often = [kind for kind in sensors if counts[kind] >= MIN_KIND_SHARE * max(counts[other] for other in sensors)]
 
     def quality(kind: Kind) -> tuple[int, bool, int]:
         best = sensors[kind][0]
@@ -265,7 +280,7 @@ def _is_read_with(kind: Kind, closing: Kind) -> bool:
 
 def _line_by_line(closing: Kind, counts: Counter[Kind], printed: Sequence[_Printed]) -> Labelled:
     """Row layout with the numbers of alternating magnetometers first; the last of them ends a reading."""
-    others = [kind for kind in counts if kind != closing and counts[kind] >= SELDOM * counts[closing]]
+    others = [kind for kind in counts if kind != closing and counts[kind] >= MIN_AUXILIARY_SHARE * counts[closing]]
     read = [kind for kind in counts if kind == closing or (kind in others and _is_read_with(kind, closing))]
     turns = [kind for kind in read if kind == closing or (magnetometers(kind) and counts[kind] >= counts[closing] - 1)]
     kinds, names = dict[Kind, int](), tuple[str, ...]()
@@ -297,8 +312,12 @@ def _by_place(printed: Sequence[_Printed], enough: float, every: Sequence[_Print
     alike = Counter((each.kind, each.gaps[:-1]) for each in printed if _may_be_axes(each.kind))
     (kind, signs), count = max(alike.items(), key=lambda counted: counted[1], default=(((), ()), 0))
     beside = Counter(each.gaps for each in every if len(each.numbers) < len(PLAIN)).values()
-    rest = len(every) - sum(lines for lines in beside if lines >= OFTEN * count)
-    if not count or count < max(enough, OFTEN * rest) or sum(other > OFTEN * count for other in alike.values()) > 1:
+    rest = len(every) - sum(lines for lines in beside if lines >= MIN_KIND_SHARE * count)
+    if (
+        not count
+        or count < max(enough, MIN_KIND_SHARE * rest)
+        or sum(other > MIN_KIND_SHARE * count for other in alike.values()) > 1
+    ):
         return None
     rows = [each.numbers for each in printed if (each.kind, each.gaps[:-1]) == (kind, signs)]
     values = np.array(rows, float)

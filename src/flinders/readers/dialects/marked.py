@@ -32,8 +32,8 @@ import re
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final
 
-from flinders.readers._cells import number
-from flinders.readers._lines import ENDS_EARLY, EndsEarly
+from flinders.readers._cells import parse_number
+from flinders.readers._lines import GZIP_CUT_MARK, EndsEarly
 from flinders.readers.dialects import Dialect
 
 if TYPE_CHECKING:
@@ -56,9 +56,9 @@ VECTORNAV: Final = re.compile(
 )
 SIGN: Final = re.compile(r"\b(?:Raw|Uni)\b|\|.*\*|\bIMU_MAG_|^\s*\d+,(?:mag|imu),|\$VN[A-Z]{3},", re.IGNORECASE)
 """Part of a line of one of these programs."""
-GLUED: Final = re.compile(r"^\s*\|(?:[^|*,\n]+,){12}[^|*,\n]+\*[^\S\n]*\|", re.MULTILINE)
+JOINED_DATAGRAMS: Final = re.compile(r"^\s*\|(?:[^|*,\n]+,){12}[^|*,\n]+\*[^\S\n]*\|", re.MULTILINE)
 """Datagrams of magcc without a line end between them."""
-MOST_IN_UNITS: Final = 160.0  # largest acceleration in m/s² of a hand; as counts it would be less than 0.02 g
+MAX_ACCELERATION: Final = 160.0  # largest acceleration in m/s² of a hand; as counts it would be less than 0.02 g
 
 
 def _names(*sensors: str) -> tuple[str, ...]:
@@ -90,13 +90,13 @@ class Marked(Dialect):
         cells = [match["time"]] * bool(match["time"]) + self._in_units(values)
         auxiliary = self._latest or [""] * 6 if self.auxiliary else []
         is_whole = len(cells) + len(auxiliary) == len(self.names)
-        return [*cells, *auxiliary] if is_whole and None not in [number(cell, ".") for cell in cells] else None
+        return [*cells, *auxiliary] if is_whole and None not in [parse_number(cell, ".") for cell in cells] else None
 
     def _in_units(self, values: list[str]) -> list[str]:
         """Convert counts to units; other values are unchanged."""
         if len(self.counts) != len(values):
             return values
-        numbers = zip((number(value, ".") for value in values), self.counts, strict=True)
+        numbers = zip((parse_number(value, ".") for value in values), self.counts, strict=True)
         return ["" if value is None else f"{value / counts:.9g}" for value, counts in numbers]
 
 
@@ -162,7 +162,9 @@ def recognise(lines: list[str]) -> Marked | None:
 def _are_units(rows: Sequence[Sequence[str]]) -> bool:
     """Tell whether ``Raw:`` lines have decimals and a gravity of 10 or 1 instead of 8192."""
     gravity = [math.hypot(*(float(cell or math.nan) for cell in cells[:3])) for cells in rows]
-    return any("." in cell for cells in rows for cell in cells[:3]) and 0 < min(gravity) <= max(gravity) < MOST_IN_UNITS
+    return (
+        any("." in cell for cells in rows for cell in cells[:3]) and 0 < min(gravity) <= max(gravity) < MAX_ACCELERATION
+    )
 
 
 def _paparazzi(marks: Sequence[str]) -> Marked | None:
@@ -173,13 +175,13 @@ def _paparazzi(marks: Sequence[str]) -> Marked | None:
     return replace(_PAPARAZZI, names=(*_PAPARAZZI.names, "current (A)"), mark=mark) if mark else None
 
 
-def are_glued(beginning: str) -> bool:
+def has_joined_datagrams(beginning: str) -> bool:
     """Tell whether datagrams follow each other without a line end between them.
 
-    >>> are_glued("|0.1,0,0,9.8,0,0,0.1, 0.21,0.01,-0.58,0,0,1.57*|0.2,0,0")
+    >>> has_joined_datagrams("|0.1,0,0,9.8,0,0,0.1, 0.21,0.01,-0.58,0,0,1.57*|0.2,0,0")
     True
     """
-    return GLUED.search(beginning) is not None
+    return JOINED_DATAGRAMS.search(beginning) is not None
 
 
 def datagrams_as_lines(source: Source) -> Iterator[bytes]:
@@ -188,4 +190,4 @@ def datagrams_as_lines(source: Source) -> Iterator[bytes]:
         for chunk in source.chunks():
             yield chunk.replace(b"*", b"*\n")
     except EndsEarly:
-        yield f"\n{ENDS_EARLY}\n".encode()
+        yield f"\n{GZIP_CUT_MARK}\n".encode()

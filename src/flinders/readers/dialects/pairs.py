@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Final
 
-from flinders.readers._cells import number
+from flinders.readers._cells import parse_number
 from flinders.readers._instruments import magnetometers
 from flinders.readers.dialects import Dialect
 
@@ -69,5 +69,7 @@ def _pairs(line: str, delimiter: str) -> tuple[str, dict[str, str]]:
     """Words of a line without a value, and names with the number in the next cell."""
     cells = [cell.strip() for cell in line.split(delimiter)]
     both = (each for each in pairwise(cells) if NAME.fullmatch(each[0]) and each[1])
-    values = {name: value for name, value in both if number(name, ".") is None and number(value, ".") is not None}
+    values = {
+        name: value for name, value in both if parse_number(name, ".") is None and parse_number(value, ".") is not None
+    }
     return " ".join(cell for cell in cells if cell not in values and TITLE.fullmatch(cell)), values

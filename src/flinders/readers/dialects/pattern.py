@@ -13,7 +13,7 @@ from itertools import pairwise
 from typing import Final, Self
 
 from flinders.errors import UsageError
-from flinders.readers._cells import ATTACHED, decimal
+from flinders.readers._cells import ATTACHED_NUMBER, decimal
 from flinders.readers._tokenizer import NUMBER
 from flinders.readers.dialects import Dialect
 
@@ -41,7 +41,7 @@ class Pattern(Dialect):
         line = texts[0]
         for before, after in pairwise(zip(pieces[::2], texts, strict=True)):
             is_attached = before[0][-1:].isalnum()  # as in ``X{x}``, where the number may directly follow a letter
-            line += rf"\s*({ATTACHED if is_attached else NUMBER})\s*{after[1]}"
+            line += rf"\s*({ATTACHED_NUMBER if is_attached else NUMBER})\s*{after[1]}"
         return cls(f"lines like {pattern!r}", names, re.compile(line))
 
     def row(self, line: str) -> list[str] | None:

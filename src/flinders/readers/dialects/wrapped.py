@@ -23,7 +23,7 @@ import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, TypeAlias
 
-from flinders.readers._clock import DATE, DAY_S, HALF, order_of, seconds_of
+from flinders.readers._clock import DATE, DAY_S, HALF_OF_DAY, order_of, seconds_of
 from flinders.readers.dialects import Dialect
 
 if TYPE_CHECKING:
@@ -33,12 +33,12 @@ Recognise: TypeAlias = "Callable[[list[str]], Dialect | None]"
 STAMP: Final = re.compile(
     rf"\s*[\[(<]?(?:(?:{DATE}|\d\d[-/]\d\d|[DEFIVW]\d{{4}})(?:T|[ ,]\s*))?"
     r"(?P<hour>\d{1,2}):(?P<minute>\d\d):(?P<second>\d\d)"
-    rf"(?P<fraction>\.\d+|,\d+(?![.,\d]))?(?:,\d{{3}}(?=\]))?{HALF}(?P<zone>Z|[+-]\d\d:?\d\d)?"
+    rf"(?P<fraction>\.\d+|,\d+(?![.,\d]))?(?:,\d{{3}}(?=\]))?{HALF_OF_DAY}(?P<zone>Z|[+-]\d\d:?\d\d)?"
     r"[\])>]?\s*(?P<mark>->|[|>:;,\t]|-(?![\d.]))?\s*"
 )
 """The time that a serial monitor, a logger or an operating system prints before a line."""
-MOST: Final = 0.6  # smallest share of lines with a stamp
-SOME: Final = 0.1  # the same for lines that are neither a table nor in a dialect
+MIN_STAMP_SHARE: Final = 0.6  # smallest share of lines with a stamp
+MIN_STAMP_SHARE_OF_OTHERS: Final = 0.1  # the same for lines that are neither a table nor in a dialect
 LETTERED_WORD: Final = re.compile(r"(?<![\w.+-])(?=\d*[a-fA-F])[0-9a-fA-F]{4,8}(?![\w.])")
 SIGNED_WORD_DIGITS: Final = (4, 6, 8)  # number of digits in words of 16, 24 and 32 bits
 WORDS: Final = {
@@ -46,7 +46,7 @@ WORDS: Final = {
     0: re.compile(r"(?<![\w.+-])[0-9a-fA-F]{1,8}(?![\w.])"),
 }
 _WORD_SEPARATORS: Final = re.compile(r"[\s,;]+")
-LEAST: Final = 3  # smallest count of hexadecimal words in a line with a reading
+MIN_WORDS: Final = 3  # smallest count of hexadecimal words in a line with a reading
 MIN_LETTER_SHARE: Final = 0.3  # smallest share of lines with a letter among those with as many words
 
 
@@ -88,8 +88,8 @@ class Hexadecimal(Dialect):
         return self.inner.row(_convert_words(line, self.digits, self.count, in_decimals=self.is_table))
 
 
-def stamped(
-    lines: list[str], behind: Recognise, table: Recognise, *, marked: bool = True, share: float = MOST
+def find_stamps(
+    lines: list[str], behind: Recognise, table: Recognise, *, marked: bool = True, share: float = MIN_STAMP_SHARE
 ) -> Stamped | None:
     """Find stamps before a share of lines; if `marked`, a `table` after them needs a separator such as ``->``."""
     filled = [line for line in lines if line.strip()]
@@ -106,15 +106,15 @@ def stamped(
     return Stamped(f"time stamps before {inner.words}", ("time (s)", *inner.names), inner, order_of(stamps)[0])
 
 
-def hexadecimal(lines: list[str], behind: Recognise, table: Recognise) -> Hexadecimal | None:
+def find_hexadecimal(lines: list[str], behind: Recognise, table: Recognise) -> Hexadecimal | None:
     """Find lines with three words of one length that are hexadecimal, or rows of such words of any length."""
     bare = [
-        words for line in lines if len(words := _WORD_SEPARATORS.split(line.strip())) >= LEAST and _are_words(words)
+        words for line in lines if len(words := _WORD_SEPARATORS.split(line.strip())) >= MIN_WORDS and _are_words(words)
     ]
     for digits, word in WORDS.items():
-        rows = [words for line in lines if len(words := word.findall(line)) >= LEAST] if digits else bare
+        rows = [words for line in lines if len(words := word.findall(line)) >= MIN_WORDS] if digits else bare
         lettered = [words for words in rows if not all(map(str.isdigit, words))]
-        if not lettered or len(lettered) < MIN_LETTER_SHARE * len(rows) or len(rows) < MOST * len(bare):
+        if not lettered or len(lettered) < MIN_LETTER_SHARE * len(rows) or len(rows) < MIN_STAMP_SHARE * len(bare):
             continue
         count = _hexadecimal_words(rows)
         inner = table([_convert_words(line, digits, count, in_decimals=True) for line in lines])
@@ -134,7 +134,7 @@ def _are_words(words: list[str]) -> bool:
 def _hexadecimal_words(rows: list[list[str]]) -> int:
     """Count the hexadecimal words of each line; a decimal time before them may have as many digits."""
     count = min(map(len, rows))
-    while count > LEAST and all(row[-count].isdigit() for row in rows):
+    while count > MIN_WORDS and all(row[-count].isdigit() for row in rows):
         times = [int(row[-count]) for row in rows if len(row) == len(rows[0])]
         if sorted(times) != times or times[0] == times[-1]:
             break

@@ -164,7 +164,7 @@ def _read(options: program.Group) -> dict[str, UnitValue | str]:
     from flinders.apps.classic.budget import QUANTITIES, UnitValue
 
     given: dict[str, UnitValue | str] = {}
-    for name, text in options.typed().items():
+    for name, text in options.typed_options().items():
         if not isinstance(text, str):
             continue
         quantity = name.removeprefix("--")

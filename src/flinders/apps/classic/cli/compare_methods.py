@@ -6,7 +6,7 @@ import click
 
 from flinders.cli import _options as option
 from flinders.cli import _program as program
-from flinders.cli._inputs import saying_what_was_read, stated_site
+from flinders.cli._inputs import report_readings, stated_site
 from flinders.cli._output import print_result, progress, refuse_twice, working
 from flinders.cli._program import EXITS
 
@@ -57,25 +57,25 @@ def command(options: CompareMethods) -> int:
     and its residuals are converted to a heading error. The table gives reasons for methods that cannot be trusted on
     this recording. Nothing is written; several recordings of one sensor are joined in their order.
     """
-    from flinders.apps.classic.methods import compare_methods, known
+    from flinders.apps.classic.methods import check_methods, compare_methods
     from flinders.apps.classic.methods_page import of_contest
-    from flinders.core.joining import Joined, singles
+    from flinders.core.joining import Joined, single_recordings
     from flinders.estimators.data import CountedRecording
     from flinders.likelihood.site_field import Site
     from flinders.readers import open_recording
 
-    known(options.methods)
+    check_methods(options.methods)
     refuse_twice(options.recordings)
     with progress("reading") as watch:
         opened = open_recording(options.recordings, sensor=options.sensor, progress=watch, **options.reading.as_dict())
         is_dip_typed = program.is_typed("dip_deg")
-        site = Site.stated(
+        site = Site.merge_stated(
             None if is_dip_typed else stated_site(opened, "--dip"),
             strength=options.field_strength,
             inclination_deg=options.judgement.dip_deg if is_dip_typed else None,
         )
-        parts = tuple(CountedRecording(part) for part in singles(opened))
-        with saying_what_was_read(parts), working() as tell:
+        parts = tuple(CountedRecording(part) for part in single_recordings(opened))
+        with report_readings(parts), working() as tell:
             contest = compare_methods(
                 Joined(parts),
                 methods=options.methods,

@@ -15,7 +15,7 @@ from flinders.cli._program import GOOD, REFUSED
 if TYPE_CHECKING:
     from flinders.apps.classic.recovery import Recovery
 
-from flinders.cli._simulation import Simulation, several, size_option
+from flinders.cli._simulation import Simulation, numbers_type, size_option
 
 
 class TwoAxis(Simulation):
@@ -33,15 +33,15 @@ class TwoAxis(Simulation):
         help="Headings, equally spaced from north on.",
     )  # fmt: skip
     scale: tuple[float, float] = program.member(
-        "--scale", type=several(2, "two numbers, such as 1.1,0.9"), default="1.1,0.9", show_default=True,
+        "--scale", type=numbers_type(2, "two numbers, such as 1.1,0.9"), default="1.1,0.9", show_default=True,
         metavar="X,Y", help="Scale of each axis.",
     )  # fmt: skip
     offset: tuple[float, float] = program.member(
-        "--offset", type=several(2, "two numbers, such as 10,-5"), default="10,-5", show_default=True, metavar="X,Y",
+        "--offset", type=numbers_type(2, "two numbers, such as 10,-5"), default="10,-5", show_default=True, metavar="X,Y",
         help="Offset of each axis in µT.",
     )  # fmt: skip
     skew_deg: float = program.member(
-        "--skew", type=program.within(-89, 89, "degrees from -89 to 89"), default=4.0, show_default=True,
+        "--skew", type=program.number_within(-89, 89, "degrees from -89 to 89"), default=4.0, show_default=True,
         metavar="DEG", help="Deviation of the axes from a right angle.",
     )  # fmt: skip
     noise: float = size_option("--noise", "White noise in µT, 1 σ per axis.", default=0.25, show_default=True)
@@ -100,14 +100,14 @@ def command(options: TwoAxis) -> int:
 def _write_polar(recovery: Recovery, path: str, *, force: bool) -> None:
     """Draw a swing, or write it in polar coordinates."""
     from flinders.apps.classic.turn_drawing import turn_drawing
-    from flinders.core.files import replacing, write_text
+    from flinders.core.files import open_atomically, write_text
 
     if Path(path).suffix.lower() == ".svg":
         write_text(turn_drawing(recovery.turn, recovery.fit), path, force=force)
         say(f"drawn in {path}")
         return
     columns = recovery.polar.as_dict()
-    with replacing(path, force=force) as file:
+    with open_atomically(path, force=force) as file:
         file.write(",".join(columns) + "\n")
         file.writelines(
             ",".join(f"{round(value, 4) + 0.0:.4f}" for value in row) + "\n"

@@ -9,7 +9,7 @@ import click
 
 from flinders.cli import _options as option
 from flinders.cli import _program as program
-from flinders.cli._inputs import load, provenance, refuse_calibration, saying_what_was_read
+from flinders.cli._inputs import load, provenance, refuse_calibration, report_readings
 from flinders.cli._output import progress, say
 from flinders.cli._program import LIMITED
 from flinders.cli._spelling import in_options
@@ -144,13 +144,13 @@ def command(options: TwoAxis) -> int:
 def _open(options: TwoAxis, first: Fit | None, watch: Any) -> Recording:  # noqa: ANN401 - progress
     """Open the recording, in the unit of the loaded calibration unless a unit was typed."""
     from flinders.readers import holds_log, open_recording
-    from flinders.workflows.recordings import agree
+    from flinders.workflows.recordings import require_same_frame
 
     reading = options.reading
     chosen = options.sensor if holds_log(options.recording) else None
     source = open_recording(options.recording, flat=options.plane, sensor=chosen, progress=watch, **reading.as_dict())
     if first is not None and reading.unit is None and reading.scale is None:
-        agree(first.calibration, source)
+        require_same_frame(first.calibration, source)
     return source
 
 
@@ -159,7 +159,7 @@ def _read(source: CountedRecording, first: Fit | None, options: TwoAxis) -> Turn
     from flinders.apps.classic.two_axis_turn import read_turn
 
     method: Any = options.method if program.is_typed("method") else None
-    with saying_what_was_read([source]):
+    with report_readings([source]):
         readings = read_turn(source, first, plane=options.plane, method=method)
         for note in readings.notes:
             say(f"! {note.words(in_options)}")

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, ClassVar, Final
 import numpy as np
 
 from flinders.apps.classic.recipes.attitude_independent import (
-    COLLAPSED,
-    ENOUGH_EXPLAINED,
+    MIN_EXPLAINED,
+    MIN_GAIN_RATIO,
     Collapsed,
     ProductSums,
     Reference,
@@ -17,10 +17,10 @@ from flinders.apps.classic.recipes.attitude_independent import (
     check_options,
     converged_noise,
     estimate_of,
+    gain_ratio,
     jacobian,
     parameters,
-    shrunk,
-    widened_by_consistent,
+    widen_by_consistent,
 )
 from flinders.errors import NotAnEllipsoid, Undetermined
 from flinders.estimators.base import Method
@@ -146,7 +146,7 @@ class AlonsoShuster:
         inverse = np.linalg.inv(jacobian(b, d))
         covariance = inverse @ sums.covariance(theta) @ inverse.T
         estimate = estimate_of(reference, b, d, covariance, self.name)
-        return estimate if reference.varies else widened_by_consistent(estimate, reference)
+        return estimate if reference.varies else widen_by_consistent(estimate, reference)
 
     def start(self, reference: Reference, sums: ProductSums) -> Floats:
         """(9,) θ' of step 1 if the strength varies enough, else of the consistent ellipsoid.
@@ -155,11 +155,11 @@ class AlonsoShuster:
         """
         if not reference.varies:
             return reference.start()
-        explained = sums.explained
+        explained = sums.explained_share
         reference.refuse_unrelated(explained)
-        if explained < ENOUGH_EXPLAINED:
+        if explained < MIN_EXPLAINED:
             return reference.start()
-        theta = sums.solved()
+        theta = sums.solve()
         parameters(theta, self.name)
         return theta
 
@@ -192,9 +192,9 @@ def minimise(sums: ProductSums, theta: Floats, start: Floats, method: str) -> Fl
         if moved is None:
             return theta
         theta, cost = moved
-        if shrunk(theta, start) < COLLAPSED:
+        if gain_ratio(theta, start) < MIN_GAIN_RATIO:
             break
-    raise Collapsed(method, shrunk(theta, start))
+    raise Collapsed(method, gain_ratio(theta, start))
 
 
 def _improve(sums: ProductSums, theta: Floats, step: Floats, cost: float) -> tuple[Floats, float] | None:

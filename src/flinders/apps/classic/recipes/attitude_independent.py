@@ -23,7 +23,7 @@ is the same problem with smaller rounding errors. In the code, b and D are b' an
    Determination" and "Complete Linear Attitude-Independent Magnetometer Calibration", J. Astronaut. Sci. 50 (2002).
    The equations are those of its implementations; the papers were not read.
 
->>> offset, distortion = np.array([0.5, 0.3, 0.6]), symmetric(np.array([0.05, 0.1, 0.05, 0.05, 0.05, 0.05]))
+>>> offset, distortion = np.array([0.5, 0.3, 0.6]), symmetric_matrix(np.array([0.05, 0.1, 0.05, 0.05, 0.05, 0.05]))
 >>> solution = parameters(theta_of(offset, distortion))
 >>> np.allclose(solution[0], offset), np.allclose(solution[1], distortion)
 (True, True)
@@ -39,12 +39,12 @@ import numpy as np
 from flinders.apps.classic.recipes.sphere import Sphere
 from flinders.errors import FitError, NeedsSamples, NotAnEllipsoid, UsageError, figures
 from flinders.estimators.base import Estimate
-from flinders.estimators.consistent import adjusted
-from flinders.estimators.one_strength import at_one_strength
+from flinders.estimators.consistent import fit_adjusted
+from flinders.estimators.one_strength import scale_to_one_strength
 from flinders.estimators.trace import Convergence, spread_counts
-from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric_matrix, upper_entries
 from flinders.likelihood import magnitude
-from flinders.likelihood.equations import FINEST
+from flinders.likelihood.equations import MIN_NOISE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -55,7 +55,7 @@ if TYPE_CHECKING:
 
 Weights: TypeAlias = Literal["estimate", "prior"]
 
-ENOUGH_EXPLAINED: Final = 0.5
+MIN_EXPLAINED: Final = 0.5
 """Smallest explained share of the variance of H² for a centred fit; with less, noise dominates its scale."""
 
 MAX_SPREAD_RATIO: Final = 0.8
@@ -67,17 +67,17 @@ MAX_CONSTANT_SPREAD: Final = 1e-9
 MIN_LENGTH_DIFFERENCE: Final = 1e-4
 """Smallest relative difference (rms) of a strength from the length of the readings, if it is not just that length."""
 
-COLLAPSED: Final = 0.5
+MIN_GAIN_RATIO: Final = 0.5
 """Smallest ratio of the gain to that of the start: noise does not halve the gain, the root at D = −I does."""
 
-MOST: Final = 50_000
+MAX_READINGS: Final = 50_000
 """Largest number of readings that are processed one by one, evenly spread over a longer recording."""
 
 MIN_INFORMATION: Final = 1e-12
 """Smallest eigenvalue of the information, with its diagonal scaled to 1, of an observed parameter."""
 
 _EYE: Final = np.eye(3)
-BASIS: Final = np.array([symmetric(unit) for unit in np.eye(6)])
+BASIS: Final = np.array([symmetric_matrix(unit) for unit in np.eye(6)])
 """(6, 3, 3) of symmetric matrices, in the order 11, 22, 33, 12, 13, 23."""
 
 
@@ -110,12 +110,12 @@ class WrongStrength(FitError):
 
 
 class Collapsed(NotAnEllipsoid):
-    """The fit went to the root that exists for any readings: the gain shrank to the share `shrunk` of the start."""
+    """The fit went to the root that exists for any readings: the gain shrank to the share `gain_ratio` of the start."""
 
     code: ClassVar[str] = "collapsed"
 
     def __init__(self, method: str, shrunk: float, why: str = "they cover too few directions for their noise") -> None:
-        self.shrunk, self.eigenvalues = shrunk, (0.0, 0.0, 0.0)
+        self.with_shrinkage, self.eigenvalues = shrunk, (0.0, 0.0, 0.0)
         FitError.__init__(
             self,
             f"{method!r} has no solution for these readings: its gain shrank to {shrunk:.0%} of the start, towards "
@@ -149,7 +149,7 @@ def regressors(field: Floats) -> Floats:
 
 def beta(theta: Floats) -> tuple[float, Floats]:
     """|b|² of (9,) θ', and its (9,) gradient: 2q and −qqᵀ with q = (I + E)⁻¹c."""
-    q = np.linalg.solve(_EYE + symmetric(theta[3:]), theta[:3])
+    q = np.linalg.solve(_EYE + symmetric_matrix(theta[3:]), theta[:3])
     x, y, z = q
     gradient = np.array([2 * x, 2 * y, 2 * z, -x * x, -y * y, -z * z, -2 * x * y, -2 * x * z, -2 * y * z])
     return float(theta[:3] @ q), gradient
@@ -157,7 +157,7 @@ def beta(theta: Floats) -> tuple[float, Floats]:
 
 def theta_of(b: Floats, d: Floats) -> Floats:
     """(9,) θ' = (c, E) of (3,) b and (3, 3) D."""
-    return np.concatenate([b + d @ b, upper(2.0 * d + d @ d)])
+    return np.concatenate([b + d @ b, upper_entries(2.0 * d + d @ d)])
 
 
 def parameters(theta: Floats, method: str = "") -> tuple[Floats, Floats]:
@@ -165,7 +165,7 @@ def parameters(theta: Floats, method: str = "") -> tuple[Floats, Floats]:
 
     Raises `NotAnEllipsoid` unless I + E is positive definite.
     """
-    values, vectors = np.linalg.eigh(_EYE + symmetric(theta[3:]))
+    values, vectors = np.linalg.eigh(_EYE + symmetric_matrix(theta[3:]))
     if not values[0] > 0.0:
         raise NotAnEllipsoid(tuple(float(value / np.abs(values).max()) for value in values), method)
     gain = (vectors * np.sqrt(values)) @ vectors.T
@@ -178,7 +178,7 @@ def jacobian(b: Floats, d: Floats) -> Floats:
     whole = np.zeros((9, 9))
     whole[:3, :3] = gain
     whole[:3, 3:] = (BASIS @ b).T
-    whole[3:, 3:] = np.stack([upper(gain @ basis + basis @ gain) for basis in BASIS], axis=1)
+    whole[3:, 3:] = np.stack([upper_entries(gain @ basis + basis @ gain) for basis in BASIS], axis=1)
     return whole
 
 
@@ -195,7 +195,7 @@ def ellipsoid_covariance(covariance: Floats, b: Floats, d: Floats, reference: Re
     moves = np.zeros((9, 9))
     moves[:3, :3] = inverse
     moves[:3, 3:] = -(inverse @ BASIS @ (inverse @ b)).T
-    moves[3:, 3:] = -np.stack([upper(inverse @ basis @ inverse) for basis in BASIS], axis=1)
+    moves[3:, 3:] = -np.stack([upper_entries(inverse @ basis @ inverse) for basis in BASIS], axis=1)
     moves *= reference.size
     whole: Floats = moves @ covariance @ moves.T
     return (whole + whole.T) / 2.0
@@ -237,13 +237,13 @@ class Reference:
             )
         spread = reported.spread if reported.count else 0.0
         try:
-            ellipsoid, noise = adjusted(readings)
+            ellipsoid, noise = fit_adjusted(readings)
             size, alike = ellipsoid.radius, ellipsoid
         except NotAnEllipsoid:
             sphere = Sphere().estimate(readings)
             size, noise, alike = sphere.ellipsoid.radius, sphere.noise, None
         mean = reported.mean if reported.count else field_strength or size
-        return cls(readings, method, mean, size, spread, bool(reported.count), alike, max(noise / size, FINEST))
+        return cls(readings, method, mean, size, spread, bool(reported.count), alike, max(noise / size, MIN_NOISE))
 
     @property
     def origin(self) -> Floats:
@@ -267,8 +267,8 @@ class Reference:
 
     @property
     def stride(self) -> int:
-        """Stride of the readings that are processed one by one, at most `MOST` of them."""
-        return max(1, -(-len(self.readings) // MOST))
+        """Stride of the readings that are processed one by one, at most `MAX_READINGS` of them."""
+        return max(1, -(-len(self.readings) // MAX_READINGS))
 
     def counts(self, steps: int) -> list[int]:
         """Numbers of processed readings at about so many steps."""
@@ -278,7 +278,7 @@ class Reference:
         """Convergence of estimates after so many processed readings."""
         return Convergence.of([min(count * self.stride, len(self.readings)) for count in counts], estimates)
 
-    def thinned(self, limit: int) -> tuple[Floats, Floats]:
+    def thin(self, limit: int) -> tuple[Floats, Floats]:
         """Readings x' and strengths, about `limit` at most, evenly spread over the recording."""
         stride = max(1, -(-len(self.readings) // limit))
         pairs = [(field[::stride], strength[::stride]) for field, strength in self.blocks()]
@@ -290,7 +290,7 @@ class Reference:
 
         Raises `NotAnEllipsoid` if there is none.
         """
-        ellipsoid = self.consistent or adjusted(self.readings)[0]
+        ellipsoid = self.consistent or fit_adjusted(self.readings)[0]
         gain = self.size * np.linalg.inv(ellipsoid.shape)
         return theta_of(gain @ (ellipsoid.centre - self.origin) / self.size, gain - _EYE)
 
@@ -310,7 +310,7 @@ class Reference:
 
         Raises `WrongStrength`.
         """
-        if self.varies and explained < ENOUGH_EXPLAINED and self.spread > MAX_SPREAD_RATIO * self.noise:
+        if self.varies and explained < MIN_EXPLAINED and self.spread > MAX_SPREAD_RATIO * self.noise:
             raise WrongStrength(
                 f"the strength in the recording varies by {self.spread:.1%} (1 σ), and the readings explain "
                 f"{max(explained, 0.0):.0%} of that: check its column, its unit and its time; or remove the column",
@@ -330,7 +330,7 @@ class _ReportedStrength:
     @classmethod
     def of(cls, readings: Readings) -> Self:
         """Sums over the recording; `count` is 0 if no reading has a strength."""
-        have = [any(block.strength is not None for block in _blocks(part)) for part in readings.each]
+        have = [any(block.strength is not None for block in _blocks(part)) for part in readings.single_recordings]
         if not any(have):
             return cls()
         if not all(have):
@@ -408,28 +408,28 @@ class ProductSums:
         return self.gram[:10, 10] * self.variance
 
     @property
-    def centred(self) -> Floats:
+    def centred_products(self) -> Floats:
         """(10, 10) sums of products of L and z − μ with their means removed."""
         centred: Floats = self.gram[:10, :10] - np.outer(self.gram[:10, 10], self.means)
         return centred
 
     @property
-    def explained(self) -> float:
+    def explained_share(self) -> float:
         """Share of the variance of H² that the readings explain, adjusted for nine parameters.
 
         About 1 if the strength varies by far more than the noise, 0 and below if it is constant.
         """
-        centred = self.centred
+        centred = self.centred_products
         squared = np.zeros(10)
         squared[[3, 4, 5, 9]] = -1.0  # H² = |x|² − z, up to a constant
         whole = float(squared @ centred @ squared)
-        theta = self.solved()
+        theta = self.solve()
         left = float(centred[9, 9] - 2.0 * centred[9, :9] @ theta + theta @ centred[:9, :9] @ theta)
         return 1.0 - max(left, 0.0) / max(whole, 1e-300) * (self.count - 1) / max(self.count - 10, 1)
 
-    def solved(self) -> Floats:
+    def solve(self) -> Floats:
         """(9,) θ' that solves the centred problem."""
-        centred = self.centred
+        centred = self.centred_products
         scale = np.sqrt(np.maximum(np.diag(centred)[:9], 1e-300))
         theta: Floats = np.linalg.lstsq(centred[:9, :9] / np.outer(scale, scale), centred[:9, 9] / scale, rcond=1e-14)[
             0
@@ -444,12 +444,12 @@ class ProductSums:
     def cost(self, theta: Floats) -> float:
         """Whole cost Σ v²/σ_k², with the mean included."""
         row = np.concatenate([-theta, [1.0]])
-        return float(row @ self.centred @ row) + self.mean_residual(theta) ** 2 / self.variance
+        return float(row @ self.centred_products @ row) + self.mean_residual(theta) ** 2 / self.variance
 
     def information(self, theta: Floats) -> Floats:
         """(9, 9) information F = F̃ + (L̄ − ∂β)(L̄ − ∂β)ᵀ/s̄² of θ'."""
         across = self.means[:9] - beta(theta)[1]
-        return self.centred[:9, :9] + np.outer(across, across) / self.variance
+        return self.centred_products[:9, :9] + np.outer(across, across) / self.variance
 
     def unobserved(self, theta: Floats) -> int:
         """Number of combinations of parameters without information, as for readings on two rings."""
@@ -460,7 +460,7 @@ class ProductSums:
 
     def gradient(self, theta: Floats) -> Floats:
         """(9,) half the gradient of the cost."""
-        centred = self.centred
+        centred = self.centred_products
         across = self.means[:9] - beta(theta)[1]
         gradient: Floats = centred[:9, :9] @ theta - centred[:9, 9] - self.mean_residual(theta) * across / self.variance
         return gradient
@@ -481,21 +481,21 @@ def rows_of(field: Floats, strength: Floats, noise: float) -> Floats:
 
 
 def converged_noise(reference: Reference, b: Floats, d: Floats, taken: int) -> float:
-    """Standard deviation of |m| about the strength, in units of the mean strength, at least `FINEST`."""
+    """Standard deviation of |m| about the strength, in units of the mean strength, at least `MIN_NOISE`."""
     count, total, square = 0, 0.0, 0.0
     for field, strength in reference.blocks():
         off = np.linalg.norm(field @ (_EYE + d) - b, axis=1) - strength
         count, total, square = count + len(off), total + float(off.sum()), square + float(off @ off)
-    return max(float(np.sqrt(max(square - total**2 / count, 0.0) / max(count - taken, 1))), FINEST)
+    return max(float(np.sqrt(max(square - total**2 / count, 0.0) / max(count - taken, 1))), MIN_NOISE)
 
 
-def shrunk(theta: Floats, start: Floats) -> float:
+def gain_ratio(theta: Floats, start: Floats) -> float:
     """Smallest gain of one θ' along any direction, as a share of another's; 0 if that is not an ellipsoid."""
-    values, vectors = np.linalg.eigh(_EYE + symmetric(start[3:]))
+    values, vectors = np.linalg.eigh(_EYE + symmetric_matrix(start[3:]))
     if not values[0] > 0.0:
         return 0.0
     root = vectors / np.sqrt(values)
-    least = float(np.linalg.eigvalsh(root.T @ (_EYE + symmetric(theta[3:])) @ root)[0])
+    least = float(np.linalg.eigvalsh(root.T @ (_EYE + symmetric_matrix(theta[3:])) @ root)[0])
     return float(np.sqrt(max(least, 0.0)))
 
 
@@ -530,13 +530,13 @@ def estimate_of(
     )
     if on_the_way:
         return estimate
-    alike = at_one_strength(reference.readings, estimate)
+    alike = scale_to_one_strength(reference.readings, estimate)
     square = sum(float(np.sum(magnitude.distances(block, ellipsoid) ** 2)) for block in alike.blocks(method))
     noise = float(np.sqrt(square / max(len(alike) - 9, 1)))
     return replace(estimate, noise=noise, used=len(alike))
 
 
-def widened_by_consistent(estimate: Estimate, reference: Reference) -> Estimate:
+def widen_by_consistent(estimate: Estimate, reference: Reference) -> Estimate:
     """Add the whole difference from the consistent fit of the same readings to the covariance of an estimate.
 
     The consistent fit uses all readings at once, and is not biased by noise. The part of the difference that chance may

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Final
 
 from flinders.estimators.base import Method
-from flinders.estimators.covariance import AXES_ALIGNED
-from flinders.estimators.quadric_fit import ENTRIES, Frame, claimed, constrained
+from flinders.estimators.covariance import ALIGNED_BASIS
+from flinders.estimators.quadric_fit import CONSTRAINT_BASES, Frame, fit_constrained, make_estimate
 
 if TYPE_CHECKING:
     from flinders.estimators.base import Estimate
@@ -50,8 +50,8 @@ class AxisAligned:
         """
         readings.require(self.unknowns, self.name)
         frame = Frame.of(readings)
-        ellipsoid = frame.placed(constrained(frame.scatter, ENTRIES["aligned"]), self.name)
-        return claimed(readings, ellipsoid, self.name, AXES_ALIGNED)
+        ellipsoid = frame.to_ellipsoid(fit_constrained(frame.scatter, CONSTRAINT_BASES["aligned"]), self.name)
+        return make_estimate(readings, ellipsoid, self.name, ALIGNED_BASIS)
 
 
 METHOD: Final = Method(

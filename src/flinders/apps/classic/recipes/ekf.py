@@ -9,8 +9,8 @@ import numpy as np
 
 from flinders.apps.classic.recipes.attitude_independent import (
     BASIS,
-    ENOUGH_EXPLAINED,
-    MOST,
+    MAX_READINGS,
+    MIN_EXPLAINED,
     Collapsed,
     ProductSums,
     Reference,
@@ -18,12 +18,12 @@ from flinders.apps.classic.recipes.attitude_independent import (
     converged_noise,
     estimate_of,
     parameters,
-    widened_by_consistent,
+    widen_by_consistent,
 )
 from flinders.apps.classic.recipes.sphere import Sphere
 from flinders.errors import UsageError
 from flinders.estimators.base import Method
-from flinders.geometry.ellipsoid import symmetric, upper
+from flinders.geometry.ellipsoid import symmetric_matrix, upper_entries
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -134,7 +134,7 @@ class Ekf:
                 "the order of the readings makes the filter diverge, which a smaller spread may prevent",
             )
         estimate = self._estimate(ended, reference)
-        return estimate if reference.varies else widened_by_consistent(estimate, reference)
+        return estimate if reference.varies else widen_by_consistent(estimate, reference)
 
     def converge(self, readings: Readings, steps: int = 100) -> Convergence:
         """Estimates at about so many steps, until the filter goes to D = −I.
@@ -153,13 +153,13 @@ class Ekf:
         readings.require(self.unknowns, self.name)
         reference = Reference.of(readings, self.name, self.field_strength)
         noise = self._noise(reference)
-        field, strength = reference.thinned(MOST)
+        field, strength = reference.thin(MAX_READINGS)
         state = self._start_state(reference)
         counts = reference.counts(steps) if steps else [len(field)]
         at, states = 0, [state]
         for count in counts:
             taken = slice(at, count)
-            state = state.after(field[taken], strength[taken], noise, walk=self.walk)
+            state = state.update(field[taken], strength[taken], noise, walk=self.walk)
             states.append(state)
             at = count
         return reference, counts, states
@@ -172,9 +172,9 @@ class Ekf:
         noise = reference.noise * float(np.sqrt(count / (count - 9)))
         if reference.varies:
             sums = ProductSums.of(reference, noise)
-            reference.refuse_unrelated(sums.explained)
-            if sums.explained >= ENOUGH_EXPLAINED:
-                return converged_noise(reference, *parameters(sums.solved(), self.name), 9)
+            reference.refuse_unrelated(sums.explained_share)
+            if sums.explained_share >= MIN_EXPLAINED:
+                return converged_noise(reference, *parameters(sums.solve(), self.name), 9)
         return noise
 
     def _start_state(self, reference: Reference) -> FilterState:
@@ -185,15 +185,15 @@ class Ekf:
             gain = reference.size / sphere.radius
             b = (sphere.centre - reference.origin) / sphere.radius
             spreads = np.concatenate([np.full(3, self.spread), np.full(6, distortion * gain)])
-            return FilterState(np.concatenate([b, upper((gain - 1.0) * np.eye(3))]), np.diag(spreads**2))
+            return FilterState(np.concatenate([b, upper_entries((gain - 1.0) * np.eye(3))]), np.diag(spreads**2))
         gain, origin = reference.size / reference.mean, reference.origin / reference.mean
         moved = self.spread * np.eye(9)  # root of the covariance of independent b and D
         moved[:3, 3:] = -distortion * (BASIS @ origin).T
         moved[3:, 3:] = distortion * gain * np.eye(6)
-        return FilterState(np.concatenate([-origin, upper((gain - 1.0) * np.eye(3))]), moved @ moved.T)
+        return FilterState(np.concatenate([-origin, upper_entries((gain - 1.0) * np.eye(3))]), moved @ moved.T)
 
     def _estimate(self, state: FilterState, reference: Reference, *, on_the_way: bool = False) -> Estimate:
-        b, d = state.values[:3], symmetric(state.values[3:])
+        b, d = state.values[:3], symmetric_matrix(state.values[3:])
         return estimate_of(reference, b, d, state.covariance, self.name, on_the_way=on_the_way)
 
 
@@ -214,9 +214,9 @@ class FilterState(NamedTuple):
     @property
     def gain(self) -> float:
         """Smallest gain of I + D along any direction; 0 if I + D is not positive."""
-        return max(float(np.linalg.eigvalsh(np.eye(3) + symmetric(self.values[3:]))[0]), 0.0)
+        return max(float(np.linalg.eigvalsh(np.eye(3) + symmetric_matrix(self.values[3:]))[0]), 0.0)
 
-    def after(self, field: Floats, strength: Floats, noise: float, *, walk: float = 0.0) -> FilterState:
+    def update(self, field: Floats, strength: Floats, noise: float, *, walk: float = 0.0) -> FilterState:
         """State after (m, 3) readings x' and (m,) strengths, one by one."""
         values, covariance = self
         moves = np.concatenate([np.broadcast_to(-np.eye(3), (len(field), 3, 3)), _distortion_jacobian(field)], axis=2)

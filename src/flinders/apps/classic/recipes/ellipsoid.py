@@ -13,7 +13,7 @@ import numpy as np
 from flinders.errors import NotAnEllipsoid, UsageError
 from flinders.estimators.algebraic import fit_error
 from flinders.estimators.base import Method
-from flinders.estimators.quadric_fit import ENTRIES, Frame, claimed, constrained
+from flinders.estimators.quadric_fit import CONSTRAINT_BASES, Frame, fit_constrained, make_estimate
 
 if TYPE_CHECKING:
     from flinders.estimators.base import Estimate
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 Radii: TypeAlias = Literal["free", "aligned", "xy", "xz", "yz", "sphere", "eye", "diag", "sym", "auto"]
 
 MAGCAL: Final[dict[Radii, Radii]] = {"eye": "sphere", "diag": "aligned", "sym": "free"}
-"""Names of MATLAB's ``magcal`` for three of the constraints; its ``auto`` is `Constrained.chosen`."""
+"""Names of MATLAB's ``magcal`` for three of the constraints; its ``auto`` is `Constrained.choose_radii`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,15 +112,15 @@ class Constrained:
         """
         radii = MAGCAL.get(self.radii, self.radii)
         readings.require(self._unknowns("sphere" if radii == "auto" else radii), self.name)
-        radii, ellipsoid = self.chosen(readings) if radii == "auto" else (radii, self._fit(readings, radii))
-        entries = ENTRIES[radii]
+        radii, ellipsoid = self.choose_radii(readings) if radii == "auto" else (radii, self._fit(readings, radii))
+        entries = CONSTRAINT_BASES[radii]
         basis = np.zeros((9, 3 + entries.shape[1]))
         basis[:3, :3], basis[3:, 3:] = np.eye(3), entries
         words = [self.name, *([] if radii == "free" else [radii]), *(["centred"] if self.centred else [])]
-        made = claimed(readings, ellipsoid, " ".join(words), basis[:, 3:] if self.centred else basis)
+        made = make_estimate(readings, ellipsoid, " ".join(words), basis[:, 3:] if self.centred else basis)
         return replace(made, estimator=self.name)
 
-    def chosen(self, readings: Readings) -> tuple[Radii, Ellipsoid]:
+    def choose_radii(self, readings: Readings) -> tuple[Radii, Ellipsoid]:
         """Radii and ellipsoid with the smallest `fit_error`, from the sphere to the free ellipsoid, as ``magcal``.
 
         Raises `NotAnEllipsoid` if not even a sphere fits the readings.
@@ -142,7 +142,7 @@ class Constrained:
 
     def _unknowns(self, radii: Radii) -> int:
         """Number of unknowns: parameters of the ellipsoid, and the noise."""
-        entries: int = ENTRIES[radii].shape[1]
+        entries: int = CONSTRAINT_BASES[radii].shape[1]
         return entries + (0 if self.centred else 3) + 1
 
     def _fit(self, readings: Readings, radii: Radii) -> Ellipsoid:
@@ -150,7 +150,9 @@ class Constrained:
         frame = Frame.of(readings)
         if self.centred:
             frame = Frame.of(readings, np.zeros(3), float(np.hypot(frame.scale, np.linalg.norm(frame.origin))))
-        return frame.placed(constrained(frame.scatter, ENTRIES[radii], centred=self.centred), self.name)
+        return frame.to_ellipsoid(
+            fit_constrained(frame.scatter, CONSTRAINT_BASES[radii], centred=self.centred), self.name
+        )
 
 
 METHOD: Final = Method(

@@ -9,7 +9,7 @@ import numpy as np
 
 from flinders.errors import NotAnEllipsoid, UsageError
 from flinders.estimators.base import Method
-from flinders.estimators.quadric_fit import Frame, claimed
+from flinders.estimators.quadric_fit import Frame, make_estimate
 from flinders.geometry.ellipsoid import Ellipsoid
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ class Li:
         readings.require(self.unknowns, self.name)
         frame = Frame.of(readings)
         local = self._search(frame.scatter) if self.k is None else _ellipsoid(frame.scatter, self.k)
-        return claimed(readings, local.in_frame(frame.origin, frame.scale), self.name)
+        return make_estimate(readings, local.in_frame(frame.origin, frame.scale), self.name)
 
     def _search(self, scatter: Floats) -> Ellipsoid:
         """Ellipsoid of the largest k, by bisection of log k between 4, which always gives one, and `MAX_K`."""

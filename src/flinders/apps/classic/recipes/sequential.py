@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, ClassVar, Final, Literal, NamedTuple, TypeAlia
 import numpy as np
 
 from flinders.apps.classic.recipes.attitude_independent import (
-    ENOUGH_EXPLAINED,
-    MOST,
+    MAX_READINGS,
+    MIN_EXPLAINED,
     ConstantStrength,
     ProductSums,
     Reference,
@@ -153,11 +153,11 @@ class Sequential:
         explained = 0.0
         if reference.varies and self.find != "offset":
             sums = ProductSums.of(reference, noise, self.weights)
-            explained = sums.explained
+            explained = sums.explained_share
             reference.refuse_unrelated(explained)
-            if self.noise is None and explained >= ENOUGH_EXPLAINED:
-                noise = converged_noise(reference, *parameters(sums.solved(), self.name), 9)
-        enough = explained >= ENOUGH_EXPLAINED
+            if self.noise is None and explained >= MIN_EXPLAINED:
+                noise = converged_noise(reference, *parameters(sums.solve(), self.name), 9)
+        enough = explained >= MIN_EXPLAINED
         if self.find == "all" and not enough:
             raise ConstantStrength(self.name, explained)
         return reference, noise, "all" if enough else "offset"
@@ -166,7 +166,7 @@ class Sequential:
         self, reference: Reference, noise: float, find: Find, counts: Sequence[int]
     ) -> list[SequentialState | None]:
         """State after each of `counts` readings, or after all without counts; None before the first batch."""
-        field, strength = reference.thinned(MOST)
+        field, strength = reference.thin(MAX_READINGS)
         rows, variance = rows_of(field, strength, noise), reference.variances(field, strength, noise, self.weights)
         unknowns = 9 if find == "all" else 3
         regressors, z = rows[:, :9], rows[:, 9]
@@ -178,7 +178,7 @@ class Sequential:
                 state, at = SequentialState.of(regressors[:begin], z[:begin], variance[:begin], unknowns), begin
             if state is not None:
                 taken = slice(at, count)
-                state = state.after(regressors[taken], z[taken], variance[taken], exact=self.form == "exact")
+                state = state.update(regressors[taken], z[taken], variance[taken], exact=self.form == "exact")
                 at = count
             states.append(state)
         return states
@@ -231,7 +231,7 @@ class SequentialState(NamedTuple):
         covariance = np.linalg.inv((local.T * weights) @ local)
         return cls(covariance @ ((local.T * weights) @ (z - value)), covariance, row, value, variance)
 
-    def after(self, rows: Floats, z: Floats, variances: Floats, *, exact: bool = True) -> SequentialState:
+    def update(self, rows: Floats, z: Floats, variances: Floats, *, exact: bool = True) -> SequentialState:
         """State after more readings, one by one."""
         theta, covariance, row, value, variance = self
         known = len(theta)

@@ -12,8 +12,8 @@ import numpy as np
 
 from flinders.errors import NotAnEllipsoid
 from flinders.estimators.base import Method
-from flinders.estimators.covariance import SPHERICAL
-from flinders.estimators.quadric_fit import Frame, claimed
+from flinders.estimators.covariance import SPHERE_BASIS
+from flinders.estimators.quadric_fit import Frame, make_estimate
 from flinders.geometry.ellipsoid import Ellipsoid
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ class Sphere:
         if not radius > 0.0:
             raise NotAnEllipsoid((-1.0, -1.0, -1.0), self.name)
         ellipsoid = Ellipsoid(centre, radius * np.eye(3)).in_frame(frame.origin, frame.scale)
-        return claimed(readings, ellipsoid, self.name, SPHERICAL)
+        return make_estimate(readings, ellipsoid, self.name, SPHERE_BASIS)
 
 
 METHOD: Final = Method(

@@ -9,8 +9,8 @@ import numpy as np
 
 from flinders.errors import NotAnEllipsoid, UsageError
 from flinders.estimators.base import Method
-from flinders.estimators.covariance import AXES_ALIGNED, EVERYTHING
-from flinders.estimators.quadric_fit import Frame, claimed, least_squares
+from flinders.estimators.covariance import ALIGNED_BASIS, FULL_BASIS
+from flinders.estimators.quadric_fit import Frame, least_squares, make_estimate
 
 if TYPE_CHECKING:
     from flinders.estimators.base import Estimate
@@ -37,7 +37,7 @@ class TwoStep:
     Step 2 computes offsets bᵢ and gains gᵢ of ``|B|² = Σ ((xᵢ − bᵢ)/gᵢ)²`` from them: b_x = −f₁/2, b_y = −f₃/2f₂,
     b_z = −f₅/2f₄, g_x² = (b_x² + f₂b_y² + f₄b_z² − f₆)/|B|², g_y = g_x/√f₂, g_z = g_x/√f₄ [1]_. With
     ``model="non-orthogonal"`` step 1 includes the products xy, xz and yz, and step 2 gives the triangular model of
-    Foster and Elkaim [2]_, see `triangular`.
+    Foster and Elkaim [2]_, see `triangular_model`.
 
     Moving or scaling the readings moves or scales the solution in the same way; with noise, rotating readings or
     exchanging axes gives another solution, as the x axis is treated as free of error. Noise in the regressors biases it
@@ -75,7 +75,7 @@ class TwoStep:
     >>> ellipsoid.centre.round(6), ellipsoid.shape.diagonal().round(6)
     (array([ 20., 120.,  90.]), array([45., 50., 60.]))
     >>> skewed = directions @ (50.0 * np.array([[1.0, 0, 0], [0.1, 1.1, 0], [0.02, -0.05, 0.9]])).T
-    >>> triangular(TwoStep("non-orthogonal").estimate(Readings.of(skewed)).ellipsoid, 50.0).rho_deg
+    >>> triangular_model(TwoStep("non-orthogonal").estimate(Readings.of(skewed)).ellipsoid, 50.0).rho_deg
     5.1944
     """
 
@@ -103,9 +103,11 @@ class TwoStep:
         if not min(coefficients[1], coefficients[2]) > 0.0:
             largest = float(np.abs(coefficients[:3]).max())
             raise NotAnEllipsoid(tuple(float(value) / largest for value in coefficients[:3]), self.name)
-        basis = AXES_ALIGNED if self.model == "orthogonal" else EVERYTHING
+        basis = ALIGNED_BASIS if self.model == "orthogonal" else FULL_BASIS
         named = self.name if self.model == "orthogonal" else f"{self.name} {self.model}"
-        return replace(claimed(readings, frame.placed(coefficients, self.name), named, basis), estimator=self.name)
+        return replace(
+            make_estimate(readings, frame.to_ellipsoid(coefficients, self.name), named, basis), estimator=self.name
+        )
 
 
 class Triangular(NamedTuple):
@@ -126,7 +128,7 @@ class Triangular(NamedTuple):
     phi_deg: float
 
 
-def triangular(ellipsoid: Ellipsoid, field_strength: float) -> Triangular:
+def triangular_model(ellipsoid: Ellipsoid, field_strength: float) -> Triangular:
     """The six gains and angles of an ellipsoid, for a field of known strength.
 
     `field_strength`: in the unit of the readings.

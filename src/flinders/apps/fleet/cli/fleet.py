@@ -13,7 +13,7 @@ from flinders.cli import _options as option
 from flinders.cli import _program as program
 from flinders.cli._output import console, print_result, say
 from flinders.cli._program import GOOD, LIMITED
-from flinders.errors import UsageError, counted
+from flinders.errors import UsageError, count_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -173,10 +173,10 @@ def _write_report(out: str, report: str, *, force: bool) -> None:
     """Write the report of a fleet."""
     from flinders.apps.fleet.aggregate import overview_of
     from flinders.apps.fleet.report import page
-    from flinders.apps.fleet.storage import StoredFile, fetched
+    from flinders.apps.fleet.storage import StoredFile, fetch
     from flinders.core.files import write_text
 
-    with fetched(StoredFile(out, out, 0)) as table:
+    with fetch(StoredFile(out, out, 0)) as table:
         write_text(page(overview_of([table])), report, force=force)
     say(f"report written to {report}")
 
@@ -196,6 +196,6 @@ def _progress() -> Iterator[ProgressCallback | None]:
         def update(done: int, total: int, rows: int) -> None:
             elapsed = shown.tasks[0].elapsed or 0.0
             rate = f", {rows / elapsed:,.0f} a second" if elapsed else ""
-            shown.update(task, completed=done, total=total, state=f"{counted(rows, 'recording')}{rate}")
+            shown.update(task, completed=done, total=total, state=f"{count_text(rows, 'recording')}{rate}")
 
         yield update

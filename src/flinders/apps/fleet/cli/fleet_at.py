@@ -55,20 +55,20 @@ def command(options: FleetAt) -> int:
 
     from msgspec.structs import replace
 
-    from flinders.apps.fleet.store import date_of, document_of, options_of, rows_of, valid_at
+    from flinders.apps.fleet.store import calibration_at, date_of, document_of, options_of, rows_of
     from flinders.core.calibration_file import ProvenanceRecord, dumps
     from flinders.core.version import VERSION
-    from flinders.report.fit_pages import of_file
+    from flinders.report.fit_pages import page_of_file
 
     outputs = options.checked_outputs(options.table)
     date = None if options.date is None else date_of(options.date)
-    found = valid_at(rows_of(options.table, options.unit), options.unit, date)
+    found = calibration_at(rows_of(options.table, options.unit), options.unit, date)
     document = document_of(found.row, options_of(options.table))
     if options.output:
         made = ProvenanceRecord(flinders=VERSION, date=datetime.now(UTC).replace(microsecond=0))
         outputs.write(dumps(replace(document, provenance=made)), options.output)
     fit = fit_from(document, name=f"{options.unit}, {found.row.recording}")
-    outputs.print(found.as_dict, lambda: of_file(fit, in_options, is_verbose=False))
+    outputs.print(found.as_dict, lambda: page_of_file(fit, in_options, is_verbose=False))
     until = "" if math.isnan(found.next_s) else f" until {_day(found.next_s)}"
     since = "always" if math.isnan(found.date_s) else f"from {_day(found.date_s)}"
     recording = f" ({found.row.recording})" if found.row.recording else ""
@@ -80,6 +80,6 @@ def command(options: FleetAt) -> int:
 
 
 def _day(seconds: float) -> str:
-    from flinders.apps.fleet.report import when
+    from flinders.apps.fleet.report import format_day
 
-    return when(seconds)
+    return format_day(seconds)

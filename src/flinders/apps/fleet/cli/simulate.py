@@ -10,7 +10,7 @@ import click
 from flinders.cli import _program as program
 from flinders.cli._output import print_json, say
 from flinders.cli._program import GOOD
-from flinders.errors import OutputError, counted
+from flinders.errors import OutputError, count_text
 
 
 class SimulatedFleet(program.Group):
@@ -32,11 +32,11 @@ class SimulatedFleet(program.Group):
         help="Recordings of each unit, a month apart.",
     )  # fmt: skip
     bad: float = program.member(
-        "--bad", type=program.within(0, 1, "a share from 0 to 1", zero=True), default=0.1, show_default=True,
+        "--bad", type=program.number_within(0, 1, "a share from 0 to 1", zero=True), default=0.1, show_default=True,
         metavar="SHARE", help="Units with a fault when they are first recorded.",
     )  # fmt: skip
     drifting: float = program.member(
-        "--drifting", type=program.within(0, 1, "a share from 0 to 1", zero=True), default=0.1, show_default=True,
+        "--drifting", type=program.number_within(0, 1, "a share from 0 to 1", zero=True), default=0.1, show_default=True,
         metavar="SHARE", help="Units whose offset moves after that.",
     )  # fmt: skip
     seed: int = program.member(
@@ -93,7 +93,7 @@ def command(options: SimulatedFleet) -> int:
             {"folder": str(folder), "units": len(units), "recordings": len(written), "faulty": faulty, "moved": moved}
         )
     say(
-        f"simulated: {counted(len(written), 'recording')} of {counted(len(units), 'unit')}; {faulty} have a fault, "
+        f"simulated: {count_text(len(written), 'recording')} of {count_text(len(units), 'unit')}; {faulty} have a fault, "
         f"{moved} an offset that moves"
     )
     say(f"the recordings are in {folder}, the truth in {truth}, properties of the units in {properties}")

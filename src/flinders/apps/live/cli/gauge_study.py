@@ -14,7 +14,7 @@ from flinders.cli._program import GOOD, LIMITED, REFUSED
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from flinders.apps.live.station.gauge_pages import Studied
+    from flinders.apps.live.station.gauge_pages import QuantityStudy
 
 EXITS = {"acceptable": GOOD, "marginal": LIMITED, "unacceptable": REFUSED}
 
@@ -73,24 +73,24 @@ def command(options: GaugeOptions) -> int:
     return max(EXITS[each.grade] for each in studied)
 
 
-def _studies(options: GaugeOptions) -> Sequence[Studied]:
+def _studies(options: GaugeOptions) -> Sequence[QuantityStudy]:
     """Return a study of each quantity."""
     from flinders.apps.live.station.gauge import gauge_study
-    from flinders.apps.live.station.gauge_pages import Studied
-    from flinders.apps.live.station.gauge_table import QUANTITIES, measured_of, read_rows
+    from flinders.apps.live.station.gauge_pages import QuantityStudy
+    from flinders.apps.live.station.gauge_table import QUANTITIES, measured_table, read_rows
     from flinders.apps.live.station.plan import read_plan
 
     rows = read_rows(options.table)
     limits = read_plan(options.plan).limits if options.plan else None
     studied = []
     for quantity in options.quantities or QUANTITIES:
-        measured = measured_of(rows, quantity, part=options.part, operator=options.who)
+        measured = measured_table(rows, quantity, part=options.part, operator=options.who)
         tolerance = limits.tolerance(quantity) if limits else math.nan
-        studied.append(Studied(measured, gauge_study(measured.values), tolerance))
+        studied.append(QuantityStudy(measured, gauge_study(measured.values), tolerance))
     return studied
 
 
-def _as_dict(each: Studied) -> dict[str, Any]:
+def _as_dict(each: QuantityStudy) -> dict[str, Any]:
     """JSON-ready: a study with its quantity."""
     return {
         "unit": each.measured.unit,  # of the quantity

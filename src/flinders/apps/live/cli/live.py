@@ -19,8 +19,8 @@ from flinders.cli import _program as program
 from flinders.cli._inputs import load, stated_site
 from flinders.cli._output import print_json, say
 from flinders.errors import FlindersError, OutputError, UsageError
-from flinders.foreign_errors import needs
-from flinders.links.serial_ports import ANY_PORT, SERIAL_PORT, board_port, plugged_in
+from flinders.foreign_errors import import_optional
+from flinders.links.serial_ports import ANY_PORT, SERIAL_PORT, board_port, find_board_port
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -95,7 +95,7 @@ class LiveSource(program.Group):
 
             Unit.of(self.lines.unit, self.lines.scale)
 
-    def opened(
+    def open_source(
         self,
         stack: contextlib.ExitStack,
         resume: str | None = None,
@@ -105,10 +105,10 @@ class LiveSource(program.Group):
 
         `heard` wraps a wire that sends lines.
         """
-        from flinders.apps.live.session_file import FIRST_TARGET, Source
+        from flinders.apps.live.session_file import DEFAULT_TARGET, Source
         from flinders.links.feeds import NoSensor, Replay, feed_kind
         from flinders.links.recorder import RecordedFeed, Recorder
-        from flinders.links.transports import opened_lines, opened_link
+        from flinders.links.transports import open_lines, open_link
         from flinders.readers import open_recording
 
         reading = {name: value for name, value in self.lines.as_dict().items() if value is not None}
@@ -117,16 +117,16 @@ class LiveSource(program.Group):
             say(str(recording))
             site = stated_site(recording, "--dip or the page", z_down=program.is_typed("axes"))
             feed = Replay(recording, speed=self.speed or 1.0)
-            target = getattr(recording, "autopilot", None) or FIRST_TARGET
+            target = getattr(recording, "autopilot", None) or DEFAULT_TARGET
             return Source("replay", partial(RecordedFeed, feed), site=site, target=target)
         if self.mavlink is not None:
             feed_of = feed_kind("mavlink")
-            link = stack.enter_context(contextlib.closing(opened_link(self.mavlink, self.baud, what="--mavlink")))
+            link = stack.enter_context(contextlib.closing(open_link(self.mavlink, self.baud, what="--mavlink")))
             vehicle = feed_of(link, self.compass)
-            return Source("mavlink", partial(RecordedFeed, vehicle), target=getattr(vehicle, "target", FIRST_TARGET))
+            return Source("mavlink", partial(RecordedFeed, vehicle), target=getattr(vehicle, "target", DEFAULT_TARGET))
         if self.ros2 is not None:
             topic = feed_kind("ros2")(self.ros2, self.imu_topic, self.lines.unit)
-            return Source("ros2", partial(RecordedFeed, topic), target=getattr(topic, "target", FIRST_TARGET))
+            return Source("ros2", partial(RecordedFeed, topic), target=getattr(topic, "target", DEFAULT_TARGET))
         kind, port = self._lines(is_resumed=resume is not None)
         if kind == "file":
             return Source(kind, lambda _sink, resumed: NoSensor(str(resume)))  # noqa: ARG005 - signature of `Source.start`
@@ -134,7 +134,7 @@ class LiveSource(program.Group):
             from flinders.apps.live.simulated import SimulatedFeed
 
             return Source(kind, partial(RecordedFeed, SimulatedFeed(SEED, speed=self.speed or 1.0)))
-        wire = opened_lines(port=port, baud=self.baud, udp=self.udp, tcp=self.tcp)
+        wire = open_lines(port=port, baud=self.baud, udp=self.udp, tcp=self.tcp)
         stack.enter_context(contextlib.closing(wire))
         lines = heard(wire)
         return Source(kind, partial(Recorder, lines, **reading), reading, None if kind == "udp" else lines)
@@ -145,7 +145,7 @@ class LiveSource(program.Group):
             return "tcp" if self.udp is None else "udp", None
         if self.port is not None:
             return "serial", self.port
-        port = None if self.simulate else plugged_in()
+        port = None if self.simulate else find_board_port()
         if port is None and not self.simulate and is_resumed:
             say("nothing is plugged in: showing the session as recorded; name its source to continue it")
             return "file", None
@@ -186,11 +186,11 @@ class ServedPage(program.Group):
         if not self.host:
             raise UsageError("--host needs an address: 127.0.0.1 for this machine only, 0.0.0.0 for all")
 
-    def listening(self) -> socket:
+    def open_listener(self) -> socket:
         """Open the socket to serve the page on."""
-        from flinders.apps.live.access import listening
+        from flinders.apps.live.access import open_listener
 
-        return listening(self.host, int(self.web_port))
+        return open_listener(self.host, int(self.web_port))
 
 
 def with_serial_port(source: LiveSource, page: ServedPage) -> tuple[LiveSource, ServedPage]:
@@ -269,23 +269,23 @@ def command(options: Live) -> None:
     options = replace(options, source=named, page=page)
     options.check()
     for package in ("starlette", "uvicorn", "websockets", "segno"):
-        needs(package, "live", "the live page")
+        import_optional(package, "live", "the live page")
     sys.setswitchinterval(SWITCH_S)
     import msgspec
 
     from flinders.apps.live.access import Gate, Tokens, own_names, serve
     from flinders.apps.live.hub import Hub
     from flinders.apps.live.server import application
-    from flinders.apps.live.session_file import begun
+    from flinders.apps.live.session_file import open_session
     from flinders.apps.live.standalone.package import live_data
     from flinders.core.axes import Axes
 
     axes = Axes.of(options.axes)
     previous, renewed = _previous(options)
     with contextlib.ExitStack() as stack:
-        listener = stack.enter_context(contextlib.closing(options.page.listening()))
-        source = options.source.opened(stack, options.resume)
-        supply = stack.enter_context(begun(source, axes, output=options.output, resume=options.resume, say=say))
+        listener = stack.enter_context(contextlib.closing(options.page.open_listener()))
+        source = options.source.open_source(stack, options.resume)
+        supply = stack.enter_context(open_session(source, axes, output=options.output, resume=options.resume, say=say))
         supply = replace(supply, edits=msgspec.structs.replace(supply.edits, **_given_edits(options)))
         port = listener.getsockname()[1]
         gate = Gate.of(options.page.host, port, own_names())
@@ -308,7 +308,7 @@ def command(options: Live) -> None:
 
 def _last_words(hub: Hub) -> Iterator[str]:
     """Yield the path of the recording, and the next command."""
-    from flinders.report.formatting import written_time
+    from flinders.report.formatting import duration_words
     from flinders.report.recording import calibrate_command
 
     path, finished_s = str(hub.supply.path), hub.edits.finished_s
@@ -316,7 +316,7 @@ def _last_words(hub: Hub) -> Iterator[str]:
         yield f"recorded in {path}"
         yield f"next: {calibrate_command(path)}"
     else:
-        finished = f"the calibration that was finished at {written_time(finished_s)}"
+        finished = f"the calibration that was finished at {duration_words(finished_s)}"
         yield f"recorded in {path}, with {finished}: the page shows and exports it again"
         yield f"next: {shlex.join(['flinders', 'live', '--resume', path])}"
 
@@ -345,7 +345,7 @@ def _as_dict(hub: Hub, recording: str | None) -> dict[str, Any]:
     from flinders.fitting.fit_json import json_of
     from flinders.fitting.result import Refused
 
-    made = hub.made()
+    made = hub.finish_now()
     found = made.outcome.fit if isinstance(made.outcome, Refused) else made.outcome
     fit = None if isinstance(found, FlindersError) else found
     return {

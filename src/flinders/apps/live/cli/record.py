@@ -11,8 +11,8 @@ import click
 from flinders.cli import _options as option
 from flinders.cli import _program as program
 from flinders.cli._output import Outputs, print_json, say, working
-from flinders.cli._signals import stopping
-from flinders.errors import FlindersError, UsageError, counted
+from flinders.cli._signals import catch_stop_signals
+from flinders.errors import FlindersError, UsageError, count_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -42,7 +42,7 @@ class Topic(program.Group):
 
     def check(self) -> None:
         """Refuse options of a topic without one; raises `UsageError`."""
-        if self.ros2 is None and (wrong := self.typed()):
+        if self.ros2 is None and (wrong := self.typed_options()):
             raise UsageError(f"{', '.join(wrong)} goes with --ros2: leave it out")
         if self.unit is not None:
             from flinders.core.units import Unit
@@ -79,10 +79,10 @@ class Record(program.Group):
             words = f"{', '.join(names)} and {last}"
             raise UsageError(f"{words} name several sensors: record each with a command of its own")
         if senders == 0:
-            from flinders.links.serial_ports import ports_in_words
+            from flinders.links.serial_ports import describe_ports
 
             raise UsageError(
-                f"nothing to record: name a --serial port ({ports_in_words()}), or --udp PORT, --tcp HOST:PORT, "
+                f"nothing to record: name a --serial port ({describe_ports()}), or --udp PORT, --tcp HOST:PORT, "
                 "--ros2 TOPIC"
             )
         if self.pattern is not None and self.topic.ros2 is not None:
@@ -96,12 +96,12 @@ class Record(program.Group):
         if self.resume and (self.force or self.output == "-"):
             raise UsageError(f"--resume continues a file: leave {'--force out' if self.force else 'it out with -o -'}")
 
-    def opened(self, stack: contextlib.ExitStack) -> tuple[str, Callable[..., RecordingStatistics]]:
+    def open_recorder(self, stack: contextlib.ExitStack) -> tuple[str, Callable[..., RecordingStatistics]]:
         """Return the name of the source, and a function that records it, with arguments as `Recorder`."""
         if self.topic.ros2 is None:
-            from flinders.links.transports import opened_lines
+            from flinders.links.transports import open_lines
 
-            source = stack.enter_context(contextlib.closing(opened_lines(**self.wire.as_dict())))
+            source = stack.enter_context(contextlib.closing(open_lines(**self.wire.as_dict())))
             return source.name, partial(_record, source, self.pattern)
         from flinders.links.feed_recording import record_feed
         from flinders.links.feeds import feed_kind
@@ -145,20 +145,20 @@ def command(options: Record) -> None:
     describes any other. Lines in an unknown format are kept as comments. A crash loses at most one second; the
     command waits for a port that disappears.
     """
-    from flinders.links.recorder import Resumed, ToFile, ToStandardOutput
+    from flinders.links.recorder import FileSink, ResumedRecording, StandardOutputSink
 
     options.check()
     path, is_resumed = str(options.output), options.resume
     Outputs.of(("the recording", path), force=options.force or is_resumed, as_json=options.as_json).check()
-    resumed = Resumed.of(path) if is_resumed else None
+    resumed = ResumedRecording.of(path) if is_resumed else None
     with contextlib.ExitStack() as stack:
-        name, run = options.opened(stack)
+        name, run = options.open_recorder(stack)
         sink = (
-            ToStandardOutput()
+            StandardOutputSink()
             if path == "-"
-            else stack.enter_context(ToFile(path, force=options.force, resume=is_resumed))
+            else stack.enter_context(FileSink(path, force=options.force, resume=is_resumed))
         )
-        stopped = stack.enter_context(stopping(patient=False))
+        stopped = stack.enter_context(catch_stop_signals(patient=False))
         status = stack.enter_context(working())
         say(f"recording {name}{'' if options.seconds or options.readings else '; Ctrl-C ends it'}")
         statistics = run(
@@ -180,9 +180,11 @@ def command(options: Record) -> None:
 def _remarks(record: RecordingStatistics, output: str) -> Iterator[str]:
     """Yield notes on a recording, and the next command."""
     if record.accompanying:
-        yield f"{counted(record.accompanying, 'accompanying line')} kept as comments"
+        yield f"{count_text(record.accompanying, 'accompanying line')} kept as comments"
     if lost := record.unknown - record.accompanying:
-        yield (f"! {counted(lost, 'line')} of unknown format, kept as comments; the first is {record.first_unknown!r}")
+        yield (
+            f"! {count_text(lost, 'line')} of unknown format, kept as comments; the first is {record.first_unknown!r}"
+        )
     if output == "-":
         return
     from flinders.core.units import COUNTS

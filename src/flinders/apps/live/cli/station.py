@@ -12,13 +12,13 @@ from flinders.apps.live.cli.live import SWITCH_S, LiveSource, ServedPage, announ
 from flinders.cli import _options as option
 from flinders.cli import _program as program
 from flinders.cli._output import print_json, say
-from flinders.foreign_errors import needs
+from flinders.foreign_errors import import_optional
 
 if TYPE_CHECKING:
     from flinders.apps.live.station.bench import Station
     from flinders.apps.live.station.folder import StationFolder
     from flinders.apps.live.station.plan import Plan
-    from flinders.apps.live.station.recordings import Announcing
+    from flinders.apps.live.station.recordings import SerialNumberSource
     from flinders.links.transports import ByteSource
 
 FOLDER: Final = "flinders-station"
@@ -73,7 +73,7 @@ def command(options: StationOptions) -> None:
     options.source.check()
     options.page.check()
     for package in ("starlette", "uvicorn", "websockets", "segno"):
-        needs(package, "live", "the page of a station")
+        import_optional(package, "live", "the page of a station")
     sys.setswitchinterval(SWITCH_S)
     from msgspec.structs import replace
 
@@ -90,7 +90,7 @@ def command(options: StationOptions) -> None:
     for target in plan.export.targets:
         find(target)
     with contextlib.ExitStack() as stack:
-        listener = stack.enter_context(contextlib.closing(options.page.listening()))
+        listener = stack.enter_context(contextlib.closing(options.page.open_listener()))
         folder = stack.enter_context(contextlib.closing(StationFolder(Path(options.folder))))
         station = _station(options, plan, folder, stack)
         _say_interrupted(station)
@@ -114,19 +114,19 @@ def _station(options: StationOptions, plan: Plan, folder: StationFolder, stack: 
     from flinders.apps.live.messages import Edits
     from flinders.apps.live.session_file import Supply
     from flinders.apps.live.station.bench import Station
-    from flinders.apps.live.station.recordings import Announcing, UnitSink
+    from flinders.apps.live.station.recordings import SerialNumberSource, UnitSink
     from flinders.core.axes import Axes
 
-    boards: list[Announcing] = []
+    boards: list[SerialNumberSource] = []
 
     def heard(wire: ByteSource) -> ByteSource:
         if plan.serial.board_line is None:
             return wire
-        boards.append(Announcing(wire, plan.serial.board_line))
+        boards.append(SerialNumberSource(wire, plan.serial.board_line))
         return boards[0]
 
     axes = Axes.of(options.axes)
-    source, sink = options.source.opened(stack, heard=heard), UnitSink(say)
+    source, sink = options.source.open_source(stack, heard=heard), UnitSink(say)
     edits = Edits(paused_s=0.0, target_deg=plan.limits.heading_error_deg, dip_deg=plan.site.dip_deg, site=source.site)
     reading = {**source.reading, "axes": str(axes)}
     feed = source.start(sink, resumed=None)

@@ -13,15 +13,15 @@ import math
 from typing import TYPE_CHECKING, Any, Final
 
 from flinders.core.calibration_file import PARAMETERS
-from flinders.core.units import EARTH_UT
+from flinders.core.units import EARTH_FIELD_RANGE_UT
 from flinders.diagnostics import axis_swap
 from flinders.errors import Unmoved
 from flinders.findings import CATALOGUE, limit_of
-from flinders.findings.catalogue import OF_A_FIT, QUANTITIES_OF_A_FIT
-from flinders.findings.headline import LEADS, LEFT_OUT, REACHES, SMALL_ERROR_DEG
+from flinders.findings.catalogue import ENGINE_FINDINGS, QUANTITIES_OF_A_FIT
+from flinders.findings.headline import CAVEAT, LEADS, REACHES, SMALL_ERROR_DEG
 from flinders.findings.poses import POSE_WORDS
-from flinders.findings.row import CONDITIONS, resting_on
-from flinders.findings.words import STEPS, WHY_LARGE, Z_ELSEWHERE, Z_OPEN
+from flinders.findings.row import CONDITIONS, words_of_conditions
+from flinders.findings.words import STEPS, WHY_LARGE, Z_NOT_DOWN, Z_UNKNOWN
 from flinders.fitting import advice, diagnosis, refreshing, verdict
 from flinders.heading import path_planning
 from flinders.native.faults import ANSWERS
@@ -42,7 +42,7 @@ from flinders.native.layouts import (
     ROUTE,
     SITE,
     VERTICAL,
-    constant,
+    enum_value,
 )
 
 if TYPE_CHECKING:
@@ -59,14 +59,14 @@ def _numbers_of(module: ModuleType, names: str, prefix: str = "") -> dict[str, A
 
 
 NUMBERS: Final = {
-    "EARTH_WEAKEST": EARTH_UT[0],
-    "EARTH_STRONGEST": EARTH_UT[1],
+    "EARTH_WEAKEST": EARTH_FIELD_RANGE_UT[0],
+    "EARTH_STRONGEST": EARTH_FIELD_RANGE_UT[1],
     "COVERAGE_LIMIT": limit_of("coverage"),
     "OUTLIERS_LIMIT": limit_of("outliers"),
     "SMALL_ERROR_DEG": SMALL_ERROR_DEG,
-    **_numbers_of(verdict, "NOT_BY_CHANCE PLACED SKEWED"),
-    **_numbers_of(advice, "WORTH_IT"),
-    **_numbers_of(diagnosis, "LOOKED_AT"),
+    **_numbers_of(verdict, "MIN_IMPROVEMENT_SIGMAS MAX_OFFSET_SIGMA MIN_SHAPE_SIGMA"),
+    **_numbers_of(advice, "MIN_SAVED_SHARE"),
+    **_numbers_of(diagnosis, "MAX_DRIFT_READINGS"),
     **_numbers_of(path_planning, "READINGS_PER_DEG"),
     **_numbers_of(axis_swap, "MAX_NOISE", "SWAP_"),
 }
@@ -85,23 +85,23 @@ def data() -> dict[str, Any]:
     """The key ``engine`` of `page.json`, JSON-ready; `static/standalone/data.d.ts` has its type."""
     return {
         "layouts": {name: _layout(struct) for name, struct in STRUCTS.items()},
-        "listed": constant("OUTLIERS"),  # most runs of outliers
-        "rows": [_row(CATALOGUE[code]) for code in OF_A_FIT],
+        "listed": enum_value("OUTLIERS"),  # most runs of outliers
+        "rows": [_row(CATALOGUE[code]) for code in ENGINE_FINDINGS],
         "quantities": QUANTITIES_OF_A_FIT,
         "numbers": NUMBERS,
         "answers": ANSWERS,
         "said": {
-            "left-out": LEFT_OUT,
-            "unmoved": Unmoved.SAID,
-            "every-way": Unmoved.EVERY_WAY,
-            "to-all-sides": refreshing.TO_ALL_SIDES,
+            "left-out": CAVEAT,
+            "unmoved": Unmoved.MESSAGE,
+            "every-way": Unmoved.ALL_DIRECTIONS,
+            "to-all-sides": refreshing.MOTION_WORDS,
             "other-recording": refreshing.OTHER_UNIT,
             "other-axes": refreshing.OTHER_AXES,
-            "z-elsewhere": Z_ELSEWHERE,
-            "z-open": Z_OPEN,
+            "z-elsewhere": Z_NOT_DOWN,
+            "z-open": Z_UNKNOWN,
         },
         "conditions": list(CONDITIONS),
-        "resting": [resting_on(_conditions(bits)) for bits in range(1 << len(CONDITIONS))],
+        "resting": [words_of_conditions(_conditions(bits)) for bits in range(1 << len(CONDITIONS))],
         "parameters": PARAMETERS,
         "leads": LEADS,
         "reaches": [(None if math.isinf(end) else end, *words) for end, *words in REACHES],

@@ -161,6 +161,6 @@ def _files() -> dict[str, Any]:
         "starts": {start.hex(): row.title for row in rows for start in row.starts if len(start) > 1},
         "others": {start.hex(): list(kind) for start, kind in _foreign_files.MAGIC.items()},
         "controls": list(_foreign_files.CONTROLS),
-        "most_controls": _foreign_files.MOST_CONTROLS,
+        "most_controls": _foreign_files.MAX_CONTROL_SHARE,
         "pages": {start.decode(): name for start, name in _foreign_files.PAGES.items()},
     }

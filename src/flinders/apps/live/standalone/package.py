@@ -20,11 +20,11 @@ import msgspec
 import numpy as np
 
 from flinders.apps.live.planned import bodies_data, planned_table
-from flinders.apps.live.simulated import DIP_DEG, FIELD_UT, RATE_HZ, SAID, rocked_and_turned
+from flinders.apps.live.simulated import COMMENTS, DIP_DEG, FIELD_UT, RATE_HZ, rocking_then_tumble
 from flinders.apps.live.standalone import engine, lines, targets
 from flinders.core.calibration_file import VERSION as SCHEMA
 from flinders.core.chips import chips
-from flinders.core.files import licence, make_folder, reason, write_bytes
+from flinders.core.files import licence_text, make_folder, reason_and_remedy, write_bytes
 from flinders.core.geomag import newest_model
 from flinders.core.language import ENGLISH_CODE, LANGUAGES, text_of
 from flinders.errors import NoEngine, OutputError
@@ -32,13 +32,13 @@ from flinders.fitting import refreshing
 from flinders.native import build
 from flinders.report.html_file import style_of
 from flinders.report.modules import asset, script
-from flinders.simulate import Sensor, north_and_down, seen_from
+from flinders.simulate import Sensor, in_body_axes, north_and_down
 
 ROTATION_REFUSAL: Final = (
     "{name} turns readings into the axes of the body, which this page cannot: renew it with flinders refresh"
 )
 """Reason why the page cannot renew a calibration with a rotation."""
-REFUSALS: Final = {**refreshing.UNFIT, "turned": ROTATION_REFUSAL}
+REFUSALS: Final = {**refreshing.UNFIT_REASONS, "turned": ROTATION_REFUSAL}
 """Sentences on calibrations that the page cannot renew, by reason."""
 
 VERSION: Final = version("flinders")
@@ -97,7 +97,7 @@ def _refuse_others(folder: Path, *, force: bool) -> None:
     try:
         is_free = force or not folder.is_dir() or not any(folder.iterdir())
     except OSError as error:
-        raise OutputError(f"{folder}: cannot be read: {reason(error)}") from None
+        raise OutputError(f"{folder}: cannot be read: {reason_and_remedy(error)}") from None
     if not is_free and not _is_page(folder / DATA):
         raise OutputError(
             f"{folder} has other files: give a folder of its own, or write it among them", hint={"force": True}
@@ -118,7 +118,7 @@ def contents() -> dict[str, bytes]:
     files = {
         DATA: json.dumps(page_data(), separators=(",", ":"), ensure_ascii=False).encode(),
         **_engine(),
-        "LICENSE": licence().encode(),
+        "LICENSE": licence_text().encode(),
         **_licences(),
         **{name: asset(f"{STATIC_FOLDER}/{name.removeprefix('static/')}").encode() for name in ASSETS},
         REPORT: style_of().encode(),
@@ -131,7 +131,7 @@ def contents() -> dict[str, bytes]:
 def _engine() -> dict[str, bytes]:
     """The engine for browsers, compiled if missing, and the licences of linked code."""
     try:
-        module = build.library(target=build.WEB)
+        module = build.library(target=build.WEB_PLATFORM)
     except build.NoCompiler as error:
         raise NoEngine(str(error)) from error
     licences = {path.name: path.read_bytes() for path in module.parent.glob("LICENSE-*")}
@@ -225,12 +225,12 @@ def simulated_sensor() -> dict[str, Any]:
     """
     of_sensor, of_motion, unused = np.random.default_rng(SEED).spawn(3)
     sensor = Sensor.random(of_sensor)
-    path = rocked_and_turned(of_motion)
-    field = FIELD_UT * seen_from(path.attitudes, north_and_down(DIP_DEG))
+    path = rocking_then_tumble(of_motion)
+    field = FIELD_UT * in_body_axes(path.attitudes, north_and_down(DIP_DEG))
     centi_ut = (100.0 * replace(sensor, noise=0.0).read(field, unused)).round().astype(int)
     return {
         "rate_hz": RATE_HZ,
         "noise_ut": sensor.noise,
         "steps_centi_ut": np.diff(centi_ut, n=2, axis=0, prepend=np.zeros((2, 3), int)).T.tolist(),
-        "said": [list(each) for each in SAID],
+        "said": [list(each) for each in COMMENTS],
     }

@@ -29,8 +29,8 @@ from flinders.errors import FlindersError, figures
 from flinders.targets import motioncal, registry
 from flinders.targets._code_text import digits
 from flinders.targets._comments import ASCII
-from flinders.targets._difference import COARSEST_DEG, DIRECTIONS
-from flinders.targets._target import NEXT_TO_NOTHING
+from flinders.targets._difference import DIRECTIONS, MAX_ROUNDING_DEG
+from flinders.targets._target import NEGLIGIBLE_ERROR
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -90,8 +90,8 @@ def data() -> dict[str, Any]:
         "units": PER_UNIT,
         "recorded": RECORDED,
         "directions": len(DIRECTIONS),
-        "negligible": NEXT_TO_NOTHING,
-        "coarsest_deg": COARSEST_DEG,
+        "negligible": NEGLIGIBLE_ERROR,
+        "coarsest_deg": MAX_ROUNDING_DEG,
     }
 
 

@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, Final, Literal
 import msgspec
 from msgspec import Struct
 
-from flinders.apps.live.finished import Wanted
-from flinders.apps.live.station.judgement import EndedTest, ShownResult, judged, stopped
+from flinders.apps.live.finished import FinishInputs
+from flinders.apps.live.station.judgement import EndedTest, ShownResult, judge_test, stopped_test
 from flinders.errors import OutputError, UsageError
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from flinders.apps.live.messages import Edits
     from flinders.apps.live.station.folder import StationFolder, UnitTest
     from flinders.apps.live.station.plan import Plan
-    from flinders.apps.live.station.recordings import Announcing, UnitSink
+    from flinders.apps.live.station.recordings import SerialNumberSource, UnitSink
 
 Phase = Literal["ready", "confirm", "testing", "judging", "result"]
 
@@ -82,7 +82,7 @@ class Station:
         *,
         operator: str = "",
         name: str = "",
-        board: Announcing | None = None,
+        board: SerialNumberSource | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.hub, self.sink, self.folder, self.plan = hub, sink, folder, plan
@@ -122,11 +122,11 @@ class Station:
 
         Also writes rows that failed before; raises `OutputError` if that fails again.
         """
-        test = self.folder.interrupted()
+        test = self.folder.interrupted_test()
         if test is None:
             self.folder.write_waiting()
         else:
-            self.folder.end(stopped(test, self.folder.last_written(test), "interrupted").row)
+            self.folder.end(stopped_test(test, self.folder.last_written(test), "interrupted").row)
         return test
 
     async def start(self, serial: str, *, again: bool = False) -> None:
@@ -195,12 +195,12 @@ class Station:
         self.trouble = ""
 
     async def _begin(self, serial: str) -> None:
-        test = self.folder.begun(serial, datetime.now(UTC), self.operator, self.name)
+        test = self.folder.begin_test(serial, datetime.now(UTC), self.operator, self.name)
         path, source = self.folder.recording(test.recording), self.hub.source.name
         try:
             await self.hub.on_feed(lambda: self.sink.begin(path, source))
         except OutputError:
-            self.folder.forget()
+            self.folder.clear_journal()
             raise
         at = self.hub.timeline.at
         begun_s = at if math.isfinite(at) else self.hub.edits.begun_s
@@ -221,22 +221,22 @@ class Station:
         edits = self.hub.edits
         self.hub.edit(msgspec.structs.replace(edits, paused_s=max(self.hub.timeline.at, 0.0)))
         if is_aborted:
-            self._keep(stopped(test, ended_at, "aborted"))
+            self._keep(stopped_test(test, ended_at, "aborted"))
             return
         events = (*["not-recorded"] * bool(not_recorded), *["sensor-gone"] * is_gone)
         wanted = self._finish_inputs(test, edits)
         try:
-            ended = await asyncio.to_thread(judged, test, ended_at, wanted, self.plan, self.folder, events=events)
+            ended = await asyncio.to_thread(judge_test, test, ended_at, wanted, self.plan, self.folder, events=events)
         except Exception:  # an internal error must not lose the row
-            self._keep(stopped(test, ended_at, "fault"))
+            self._keep(stopped_test(test, ended_at, "fault"))
             raise
         self._keep(ended)
 
-    def _finish_inputs(self, test: UnitTest, edits: Edits) -> Wanted:
+    def _finish_inputs(self, test: UnitTest, edits: Edits) -> FinishInputs:
         """Inputs of the calibration: the whole recording of a test."""
         path = self.folder.recording(test.recording)
         whole = msgspec.structs.replace(edits, begun_s=None, paused_s=None, finished_s=None, excluded=())
-        return Wanted(test.serial, whole, self.hub.log, path, self.hub.supply.reading, None)
+        return FinishInputs(test.serial, whole, self.hub.log, path, self.hub.supply.reading, None)
 
     def _keep(self, ended: EndedTest) -> None:
         """Write the row, and show the result."""

@@ -74,7 +74,7 @@ class StationFolder:
         self.table = StationTable(path / TABLE_FILE)
         self._waiting: list[StationRow] = []
 
-    def begun(self, serial: str, began: datetime, operator: str, station: str) -> UnitTest:
+    def begin_test(self, serial: str, began: datetime, operator: str, station: str) -> UnitTest:
         """Return a new test with unused file names, noted in the journal so that it gets a row after any failure."""
         folder, when = folder_of(serial), began.astimezone().strftime(FORMAT)
         name, again = f"{folder}/{when}", 2
@@ -104,14 +104,14 @@ class StationFolder:
         while self._waiting:
             self.table.append(self._waiting[0])
             self._waiting.pop(0)
-        self.forget()
+        self.clear_journal()
 
-    def forget(self) -> None:
+    def clear_journal(self) -> None:
         """Clear the journal of the test in progress."""
         with contextlib.suppress(OSError):
             self._journal.unlink(missing_ok=True)
 
-    def interrupted(self) -> UnitTest | None:
+    def interrupted_test(self) -> UnitTest | None:
         """Return the test that a power failure or a crash has interrupted and that has no row yet."""
         try:
             test = msgspec.json.decode(self._journal.read_bytes(), type=UnitTest)

@@ -87,7 +87,7 @@ class GaugeStudy:
     @property
     def grade(self) -> Grade:
         """Grade by AIAG's guidelines for the share of the gauge; acceptable needs five categories."""
-        grade = graded(self.percent("gauge"))
+        grade = grade_of(self.percent("gauge"))
         is_coarse = grade == "acceptable" and self.distinct_categories < MIN_CATEGORIES
         return "marginal" if is_coarse else grade
 
@@ -110,10 +110,10 @@ class GaugeStudy:
         }
 
 
-def graded(percent: float) -> Grade:
+def grade_of(percent: float) -> Grade:
     """Grade of a share of the gauge in the total variation or in the tolerance, by the guidelines of AIAG.
 
-    >>> graded(9.0), graded(30.0), graded(31.0)
+    >>> grade_of(9.0), grade_of(30.0), grade_of(31.0)
     ('acceptable', 'marginal', 'unacceptable')
     """
     if not percent <= MARGINAL:

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.apps.live.station.gauge import graded
-from flinders.core.units import label
+from flinders.apps.live.station.gauge import grade_of
+from flinders.core.units import unit_label
 from flinders.errors import figures
 from flinders.report.charts import Axis, Plot, chart, round_ticks
 from flinders.report.formatting import date_of, minus
@@ -54,7 +54,7 @@ COLOURS: Final = 4  # Number of colours for operators
 
 
 @dataclass(frozen=True, slots=True)
-class Studied:
+class QuantityStudy:
     """A quantity, and its study."""
 
     measured: MeasuredTable
@@ -64,7 +64,7 @@ class Studied:
     @property
     def name(self) -> str:
         """Name of the quantity with its unit."""
-        unit = label(self.measured.unit) if self.measured.unit not in {"", "°"} else self.measured.unit
+        unit = unit_label(self.measured.unit) if self.measured.unit not in {"", "°"} else self.measured.unit
         return f"{self.words}{f', {unit}' if unit else ''}"
 
     @property
@@ -76,7 +76,7 @@ class Studied:
     def grade(self) -> Grade:
         """Grade by the share of the pass range if there is one, else the grade of `study`."""
         share = self.percent_of_tolerance
-        return self.study.grade if share is None else graded(share)
+        return self.study.grade if share is None else grade_of(share)
 
     @property
     def percent_of_tolerance(self) -> float | None:
@@ -96,7 +96,7 @@ class Studied:
         return words if share is None else f"{words}, {figures(share)} % of the tolerance"
 
 
-def terminal(studied: Sequence[Studied]) -> Group:
+def terminal(studied: Sequence[QuantityStudy]) -> Group:
     """The studies as a page of the terminal."""
     rows = [
         (each.name, *(_number(each.study.sigma(name)) for name, _ in COMPONENTS), _number(each.study.percent("gauge")),
@@ -113,7 +113,7 @@ def terminal(studied: Sequence[Studied]) -> Group:
     return page(table(headings, rows, is_dense=True), verdict(title, GRADES[worst.grade], words, *more))
 
 
-def html(studied: Sequence[Studied], source: str) -> str:
+def html(studied: Sequence[QuantityStudy], source: str) -> str:
     """The studies as one HTML file; `source` is the name of the table."""
     worst = _worst(studied)
     given = {
@@ -139,7 +139,7 @@ def html(studied: Sequence[Studied], source: str) -> str:
     return html_file(template, given, style=style, script=script_of(), filters={"minus": minus})
 
 
-def _section(each: Studied) -> dict[str, object]:
+def _section(each: QuantityStudy) -> dict[str, object]:
     """Content of the page for one quantity."""
     study = each.study
     return {
@@ -173,7 +173,7 @@ def _share(study: GaugeStudy, name: Component) -> float:
     return study.variances[name] / total if total else math.nan
 
 
-def drawing(each: Studied) -> str:
+def drawing(each: QuantityStudy) -> str:
     """Every measurement by part, in the colour of its operator, with the mean of each part."""
     values = each.study.values
     parts, operators, repeats = values.shape
@@ -192,13 +192,13 @@ def drawing(each: Studied) -> str:
     return chart(WIDTH, HEIGHT, f"{each.words} of each part, by operator", *marks)
 
 
-def _worst(studied: Sequence[Studied]) -> Studied:
+def _worst(studied: Sequence[QuantityStudy]) -> QuantityStudy:
     """The study with the worst grade, and the largest share of the gauge."""
     order = list(GRADES)
     return max(studied, key=lambda each: (order.index(each.grade), np.nan_to_num(each.study.percent("gauge"))))
 
 
-def _notes(studied: Sequence[Studied]) -> list[str]:
+def _notes(studied: Sequence[QuantityStudy]) -> list[str]:
     """Notes on pooling, omitted rows and unknown components of a gauge study."""
     notes = ["repeats by one operator: reproducibility is not known"] * (studied[0].study.values.shape[1] == 1)
     pooled = [each.words for each in studied if each.study.is_pooled]

@@ -2,10 +2,10 @@
 
 >>> noises = [("A", 1), ("A", 2), ("B", 3), ("B", 5)]
 >>> rows = [{"unit": unit, "operator": "Ada", "noise": str(noise)} for unit, noise in noises]
->>> table = measured_of(rows, "noise")
+>>> table = measured_table(rows, "noise")
 >>> table.parts, table.operators, table.values.tolist()
 (('A', 'B'), ('Ada',), [[[1.0, 2.0]], [[3.0, 5.0]]])
->>> measured_of(rows[1:], "noise")
+>>> measured_table(rows[1:], "noise")
 Traceback (most recent call last):
 flinders.errors.UsageError: part A was measured once by Ada: need each part at least twice by each operator
 """
@@ -24,7 +24,7 @@ import numpy as np
 
 from flinders.apps.live.station.table import TABLE_FILE
 from flinders.core.files import read_bytes
-from flinders.errors import UnreadableInput, UsageError, counted
+from flinders.errors import UnreadableInput, UsageError, count_text
 
 if TYPE_CHECKING:
     import os
@@ -66,7 +66,7 @@ def read_rows(path: str | os.PathLike[str]) -> list[dict[str, str]]:
     return rows
 
 
-def measured_of(
+def measured_table(
     rows: Iterable[Mapping[str, str]], quantity: str, *, part: str = "unit", operator: str = OPERATOR
 ) -> MeasuredTable:
     """Arrange a column by part, operator and repeat.
@@ -107,7 +107,7 @@ def _repeats(
 ) -> int:
     """Number of measurements that every part has from every operator."""
     if len(parts) < 2:
-        raise UsageError(f"{counted(len(parts), 'part')} with {quantity}: a gauge study needs two, better ten")
+        raise UsageError(f"{count_text(len(parts), 'part')} with {quantity}: a gauge study needs two, better ten")
     for part in parts:
         for operator in operators:
             count = len(cells.get((part, operator), ()))

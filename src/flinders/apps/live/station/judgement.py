@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING, Literal
 
 from msgspec import Struct
 
-from flinders.apps.live.finished import finished
+from flinders.apps.live.finished import finish_calibration
 from flinders.apps.live.station.limits import Miss, misses
 from flinders.apps.live.station.outputs import write_outputs
-from flinders.apps.live.station.words import numbers_of, said
+from flinders.apps.live.station.words import miss_words, numbers_of
 from flinders.errors import FlindersError, OutputError, UnreadableInput
 from flinders.fitting.result import Fit
 
 if TYPE_CHECKING:
     from datetime import datetime
 
-    from flinders.apps.live.finished import Finished, Wanted
+    from flinders.apps.live.finished import FinishedCalibration, FinishInputs
     from flinders.apps.live.station.folder import StationFolder, UnitTest
     from flinders.apps.live.station.plan import Plan
     from flinders.apps.live.station.table import StationRow
@@ -55,13 +55,19 @@ class EndedTest:
     trouble: str = ""  # file that could not be written, in words
 
 
-def stopped(test: UnitTest, ended: datetime, code: str) -> EndedTest:
+def stopped_test(test: UnitTest, ended: datetime, code: str) -> EndedTest:
     """Return an ended test without a calibration: aborted by the operator, or interrupted."""
     return _ended_test(test, test.row("aborted", ended), "aborted", (Miss(code),), None)
 
 
-def judged(
-    test: UnitTest, ended: datetime, wanted: Wanted, plan: Plan, folder: StationFolder, *, events: tuple[str, ...] = ()
+def judge_test(
+    test: UnitTest,
+    ended: datetime,
+    wanted: FinishInputs,
+    plan: Plan,
+    folder: StationFolder,
+    *,
+    events: tuple[str, ...] = (),
 ) -> EndedTest:
     """Make the calibration of a test, write its files, and return its result.
 
@@ -76,7 +82,7 @@ def judged(
     events : tuple of str
         Codes of other faults, such as ``sensor-gone``.
     """
-    made = finished("", wanted)
+    made = finish_calibration("", wanted)
     outcome, trouble = made.outcome, ""
     missed = [*map(Miss, events), *_reading_misses(made, plan)]
     if isinstance(outcome, Fit):
@@ -91,7 +97,7 @@ def judged(
     return replace(_ended_test(test, row, result, tuple(missed), outcome), trouble=trouble)
 
 
-def _reading_misses(made: Finished, plan: Plan) -> tuple[Miss, ...]:
+def _reading_misses(made: FinishedCalibration, plan: Plan) -> tuple[Miss, ...]:
     """Return the misses of the readings; only ``no-readings`` if there are none."""
     is_empty = isinstance(made.outcome, UnreadableInput) or not sum(file.rows for file in made.files)
     return (Miss("no-readings"),) if is_empty else misses(made.outcome, plan.limits)
@@ -101,7 +107,7 @@ def _ended_test(
     test: UnitTest, row: StationRow, result: Result, missed: tuple[Miss, ...], outcome: Fit | FlindersError | None
 ) -> EndedTest:
     """Return the row and the page's view, with reasons."""
-    reasons = tuple(ShownReason(miss.code, *said(miss, outcome)) for miss in missed)
+    reasons = tuple(ShownReason(miss.code, *miss_words(miss, outcome)) for miss in missed)
     message = " ".join(f"{reason.words} {reason.remedy}" for reason in reasons[:1])
     row = replace(
         row,

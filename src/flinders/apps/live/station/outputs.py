@@ -14,13 +14,13 @@ if TYPE_CHECKING:
     from datetime import datetime
     from pathlib import Path
 
-    from flinders.apps.live.finished import Finished
+    from flinders.apps.live.finished import FinishedCalibration
     from flinders.apps.live.station.folder import StationFolder, UnitTest
     from flinders.apps.live.station.plan import Plan
 
 
 def write_outputs(
-    made: Finished, test: UnitTest, ended: datetime, plan: Plan, folder: StationFolder, *, is_passed: bool
+    made: FinishedCalibration, test: UnitTest, ended: datetime, plan: Plan, folder: StationFolder, *, is_passed: bool
 ) -> None:
     """Write the calibration of a test and, for a unit that passes, the exports and certificate of the station's file.
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Final, Literal
 import msgspec
 from msgspec import Struct
 
-from flinders.core.calibration_file import in_words
+from flinders.core.calibration_file import readable_message
 from flinders.core.files import read_bytes
 from flinders.errors import UsageError, did_you_mean
 
@@ -166,7 +166,7 @@ def plan_of(text: str, name: str = "plan") -> Plan:
     try:
         plan = msgspec.convert(tables, Plan)
     except msgspec.ValidationError as error:
-        raise UsageError(f"{name}: {in_words(error)}") from None
+        raise UsageError(f"{name}: {readable_message(error)}") from None
     _refuse_out_of_range(name, plan)
     return plan
 

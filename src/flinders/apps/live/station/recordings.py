@@ -25,7 +25,7 @@ from urllib.parse import quote
 
 from flinders.core.files import make_folder
 from flinders.errors import LinkError, OutputError
-from flinders.links.recorder import Patient, ToFile, title
+from flinders.links.recorder import FileSink, RetryingSink, title
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -53,7 +53,7 @@ class UnitSink:
     def __init__(self, say: Callable[[str], object]) -> None:
         self._say = say
         self._header: str | None = None
-        self._sink: Patient | None = None
+        self._sink: RetryingSink | None = None
         self.why = ""  #: as `Sink.why`
 
     def write(self, text: str) -> None:
@@ -74,7 +74,7 @@ class UnitSink:
         """Start a new file; `OutputError` if it cannot be created."""
         self.end()
         make_folder(path.parent)
-        self._sink = Patient(ToFile(path), self._say)
+        self._sink = RetryingSink(FileSink(path), self._say)
         header = f"{self._header}\n" if self._header else ""
         self._sink.write(title(source, is_new=True) + header)
 
@@ -98,11 +98,11 @@ def _header_in(text: str) -> str | None:
     return None
 
 
-class Announcing:
+class SerialNumberSource:
     r"""A source of bytes that also extracts the serial number of the board.
 
     >>> from flinders.links.transports import Scripted
-    >>> board = Announcing(Scripted([b"serial: A", b"17\r\n1,2,3\n"]), r"serial: (\w+)")
+    >>> board = SerialNumberSource(Scripted([b"serial: A", b"17\r\n1,2,3\n"]), r"serial: (\w+)")
     >>> board.read(0.1), board.serial, board.read(0.1), board.serial
     (b'serial: A', '', b'17\r\n1,2,3\n', 'A17')
     """

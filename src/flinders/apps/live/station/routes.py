@@ -9,9 +9,9 @@ from msgspec import Struct
 from starlette.responses import FileResponse, Response
 from starlette.routing import Route
 
-from flinders.apps.live.server import JSON, PACKED, STATIC
+from flinders.apps.live.server import COMPRESSION, JSON, STATIC
 from flinders.apps.live.station.plan import Motion
-from flinders.core.calibration_file import in_words
+from flinders.core.calibration_file import readable_message
 from flinders.errors import UsageError
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def routes_of(station: Station) -> list[Route]:
         return await state(request)
 
     return [
-        Route("/", page, middleware=PACKED),
+        Route("/", page, middleware=COMPRESSION),
         Route("/station.json", state),
         Route("/station-facts.json", facts),
         Route("/station", act, methods=["POST"]),
@@ -78,7 +78,7 @@ async def _action_of(request: Request) -> Asked:
     try:
         return msgspec.json.decode(body, type=Asked)
     except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
-        raise UsageError(f"not a message of this page: {in_words(error)}") from None
+        raise UsageError(f"not a message of this page: {readable_message(error)}") from None
 
 
 async def _perform(station: Station, asked: Asked) -> None:

@@ -27,7 +27,7 @@ import os
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, Final, Self
 
-from flinders.core.files import locked, reason
+from flinders.core.files import reason_and_remedy, try_lock
 from flinders.errors import OutputError
 from flinders.fitting.batch import FitColumns, fill_row
 
@@ -142,12 +142,12 @@ class StationTable:
         try:
             self._file = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o666)
         except OSError as error:
-            raise OutputError(f"{path}: cannot be written: {reason(error)}") from None
+            raise OutputError(f"{path}: cannot be written: {reason_and_remedy(error)}") from None
         try:
             self.rows = self._read()
         except OSError as error:
             os.close(self._file)
-            raise OutputError(f"{path}: cannot be read: {reason(error)}") from None
+            raise OutputError(f"{path}: cannot be read: {reason_and_remedy(error)}") from None
         except OutputError:
             os.close(self._file)
             raise
@@ -169,7 +169,7 @@ class StationTable:
         except OSError as error:
             with contextlib.suppress(OSError):
                 os.ftruncate(self._file, size)
-            raise OutputError(f"{self.path}: cannot be written: {reason(error)}") from None
+            raise OutputError(f"{self.path}: cannot be written: {reason_and_remedy(error)}") from None
         self.rows.append(cells)
 
     def last(self, unit: str) -> dict[str, str] | None:
@@ -182,7 +182,7 @@ class StationTable:
 
     def _read(self) -> list[dict[str, str]]:
         """Read the rows, and remove a partial row at the end."""
-        if not locked(self._file):
+        if not try_lock(self._file):
             raise OutputError(f"{self.path}: another station writes this table: stop it, or name another folder")
         content = self.path.read_bytes()
         whole = content[: content.rfind(b"\n") + 1]

@@ -2,9 +2,9 @@
 
 >>> from flinders.apps.live.station.limits import Miss
 >>> from flinders.errors import TooFewSamples
->>> said(Miss("offset-x", -71.2, (-60.0, 60.0)), None)[0]
+>>> miss_words(Miss("offset-x", -71.2, (-60.0, 60.0)), None)[0]
 'The offset of x is −71.2. The limits are −60 and 60.'
->>> said(Miss("too-few-samples"), TooFewSamples(found=5, needed=10, method="likelihood"))[0]
+>>> miss_words(Miss("too-few-samples"), TooFewSamples(found=5, needed=10, method="likelihood"))[0]
 'The number of usable readings is 5, and at least 10 are needed.'
 """
 
@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from flinders.core.units import label
+from flinders.core.units import unit_label
 from flinders.errors import FlindersError, figures
 from flinders.findings.words import as_sentence
 from flinders.fitting.result import Fit
@@ -62,11 +62,11 @@ EVENTS: Final = {
 """Reason and remedy of other misses, by code."""
 
 
-def said(miss: Miss, outcome: Fit | FlindersError | None) -> tuple[str, str]:
+def miss_words(miss: Miss, outcome: Fit | FlindersError | None) -> tuple[str, str]:
     """Reason and remedy of a miss; `outcome` is the fit, or the error if there is none."""
     fit = outcome if isinstance(outcome, Fit) else getattr(outcome, "fit", None)
     if miss.code in LIMITS and miss.needed is not None:
-        unit = label(fit.calibration.unit) if fit else ""
+        unit = unit_label(fit.calibration.unit) if fit else ""
         return _outside(miss, miss.needed, LIMITS[miss.code], unit), LIMITS[miss.code].remedy
     if miss.code in EVENTS:
         return EVENTS[miss.code]
@@ -98,7 +98,7 @@ def _number(value: float) -> str:
 
 def numbers_of(fit: Fit) -> list[tuple[str, str]]:
     """Names and texts of the numbers that the page shows."""
-    unit = label(fit.calibration.unit)
+    unit = unit_label(fit.calibration.unit)
     offset = ", ".join(_number(value) for value in fit.calibration.offset.tolist())
     return [
         ("Heading error", f"{_number(fit.heading_error_deg.worst)}°"),

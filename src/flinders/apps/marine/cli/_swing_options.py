@@ -33,7 +33,7 @@ class StandardOptions(program.Group):
         help="Largest deviation allowed [default: that of the rule, if its text was seen].",
     )  # fmt: skip
     base_error_deg: float = program.member(
-        "--base-error", heading=STANDARD, type=program.within(0, 45, "degrees from 0 to 45", zero=True), default=0.0,
+        "--base-error", heading=STANDARD, type=program.number_within(0, 45, "degrees from 0 to 45", zero=True), default=0.0,
         show_default=True, metavar="DEG",
         help="Common error of all known headings, 1 σ, such as that of the compass base.",
     )  # fmt: skip
@@ -96,7 +96,7 @@ class BoatOptions(program.Group, heading=BOAT):
         help="Smallest speed over ground of a leg whose course is used.",
     )  # fmt: skip
     crab_deg: float = program.member(
-        "--crab", type=program.within(0, 45, "degrees from 0 to 45", zero=True), default=1.0, show_default=True,
+        "--crab", type=program.number_within(0, 45, "degrees from 0 to 45", zero=True), default=1.0, show_default=True,
         metavar="DEG", help="Difference of course and heading by leeway, 1 σ.",
     )  # fmt: skip
 
@@ -151,7 +151,7 @@ class SwingOptions(program.Group):
         help="Also write the card as sentences HDG of NMEA 0183.",
     )  # fmt: skip
     step_deg: float = program.member(
-        "--step", heading=program.OUTPUT, type=program.within(0, 90, "degrees above 0, up to 90"),
+        "--step", heading=program.OUTPUT, type=program.number_within(0, 90, "degrees above 0, up to 90"),
         default=15.0, show_default=True, metavar="DEG", help="Step of the card; by default that of --standard.",
     )  # fmt: skip
     force: bool = option.force()
@@ -170,7 +170,7 @@ class SwingOptions(program.Group):
         rule = self.standard.rule
         return self.step_deg if rule is None or program.is_typed("step_deg") else rule.step_deg
 
-    def asked(self) -> dict[str, Any]:
+    def curve_arguments(self) -> dict[str, Any]:
         """Arguments of `flinders.swing` for the curve."""
         return {
             "sigma_deg": self.known.sigma_deg, "min_speed": self.boat.min_speed, "crab_deg": self.boat.crab_deg,

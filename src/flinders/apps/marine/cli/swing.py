@@ -71,7 +71,7 @@ def command(options: SwingOptions) -> int:
     if options.standard.before is not None:
         before, _ = _table(options.standard.before, options)
         arguments["before"] = before
-    found = swing(opened, **arguments, **options.asked())
+    found = swing(opened, **arguments, **options.curve_arguments())
     account = SwingAccount(found, options.card_step_deg, in_options)
     _write(account, options, browser)
     outputs.print(lambda: found.as_dict(in_options), lambda: of_swing(account))
@@ -185,7 +185,7 @@ def _write(account: SwingAccount, options: SwingOptions, browser: str) -> None:
     from flinders.apps.marine.certificate import certificate
     from flinders.apps.marine.drawing import swing_drawing
     from flinders.apps.marine.swing_pages import card, sentences
-    from flinders.report.pdf import printed
+    from flinders.report.pdf import print_pdf
 
     swing, outputs, path = account.swing, options.outputs, options.standard.certificate
     if swing.deviation is None:
@@ -196,4 +196,4 @@ def _write(account: SwingAccount, options: SwingOptions, browser: str) -> None:
     outputs.write(sentences(swing.deviation, account.step_deg, declination_deg), options.sentences)
     if path is not None:
         text = certificate(account, options.standard.facts())
-        outputs.write(printed(text, browser) if browser else text, path)
+        outputs.write(print_pdf(text, browser) if browser else text, path)

@@ -13,8 +13,8 @@ import click
 from flinders.cli import _options as option
 from flinders.cli import _program as program
 from flinders.cli._inputs import clock_start, load, say_read
-from flinders.cli._output import plain, say
-from flinders.cli._signals import stopping
+from flinders.cli._output import json_value, say
+from flinders.cli._signals import catch_stop_signals
 from flinders.errors import UnreadableInput, UsageError
 from flinders.links.serial_ports import SERIAL_PORT
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from flinders.apps.service.publishing import Publisher
     from flinders.apps.service.reports import Report
     from flinders.apps.service.sources import Source
-    from flinders.apps.service.watching import Begun, Files
+    from flinders.apps.service.watching import Files, InitialSettings
     from flinders.core.samples import Recording
     from flinders.core.units import Unit
     from flinders.workflows.online import OnlineCalibration
@@ -78,10 +78,10 @@ class WatchedSource(program.Group):
                 "input"
             )
         if not named and not self.files:
-            from flinders.links.serial_ports import ports_in_words
+            from flinders.links.serial_ports import describe_ports
 
             raise UsageError(
-                f"nothing to watch: name a --serial port ({ports_in_words()}), --udp PORT, --tcp HOST:PORT, "
+                f"nothing to watch: name a --serial port ({describe_ports()}), --udp PORT, --tcp HOST:PORT, "
                 "--mavlink LINK, --ros2 TOPIC, --replay LOG, or - for standard input"
             )
         if self.compass != 1 and self.mavlink is None:
@@ -92,8 +92,12 @@ class WatchedSource(program.Group):
 
             Unit.of(self.lines.unit)
 
-    def opened(
-        self, stack: contextlib.ExitStack, calibration: OnlineCalibration | Begun, *, is_published: bool = False
+    def open_source(
+        self,
+        stack: contextlib.ExitStack,
+        calibration: OnlineCalibration | InitialSettings,
+        *,
+        is_published: bool = False,
     ) -> Source:
         """Open the named source; readings without a unit are in the calibration's unit.
 
@@ -103,7 +107,7 @@ class WatchedSource(program.Group):
         from flinders.apps.service.watching import frame_in, since_of, unit_of
         from flinders.core.units import Unit
         from flinders.links.feeds import feed_kind
-        from flinders.links.transports import StandardInput, opened_lines, opened_link
+        from flinders.links.transports import StandardInput, open_lines, open_link
 
         reading: dict[str, Any] = {name: value for name, value in self.lines.as_dict().items() if value is not None}
         unit, since = unit_of(calibration), since_of(calibration)
@@ -115,12 +119,12 @@ class WatchedSource(program.Group):
             return sources.of_pipe(StandardInput(), since, **reading)
         if self.mavlink is not None:
             feed_of = feed_kind("mavlink")
-            link = stack.enter_context(contextlib.closing(opened_link(self.mavlink, self.baud, what="--mavlink")))
+            link = stack.enter_context(contextlib.closing(open_link(self.mavlink, self.baud, what="--mavlink")))
             return sources.of_feed(feed_of(link, self.compass), since)
         if self.ros2 is not None:
             topic = feed_kind("ros2")(self.ros2, None, self.lines.unit)
             return sources.of_feed(topic, since, rests=not is_published)
-        wire = opened_lines(port=self.port, baud=self.baud, udp=self.udp, tcp=self.tcp)
+        wire = open_lines(port=self.port, baud=self.baud, udp=self.udp, tcp=self.tcp)
         stack.enter_context(contextlib.closing(wire))
         return sources.of_wire(wire, since, **reading)
 
@@ -266,9 +270,9 @@ class Watch(program.Group):
         opened: Callable[..., Publisher] = publisher_kind("ros2")
         return opened(source.feed, *([self.publish] if self.publish else []))
 
-    def began(self) -> OnlineCalibration | Begun:
+    def initial_calibration(self) -> OnlineCalibration | InitialSettings:
         """Return the calibration of the state file if it exists, else the settings to begin one."""
-        from flinders.apps.service.watching import Begun
+        from flinders.apps.service.watching import InitialSettings
         from flinders.core.axes import Axes
         from flinders.workflows.online import OnlineCalibration
 
@@ -284,17 +288,17 @@ class Watch(program.Group):
             return online
         walk = self.known_walk()
         if self.calibration is None:
-            return Begun(None, self.axes, self.target_deg, self.dip_deg, **walk)
+            return InitialSettings(None, self.axes, self.target_deg, self.dip_deg, **walk)
         if program.is_typed("axes"):
             raise UsageError("--axes are those of --previous: leave one of them out")
         start = load("watch --previous", self.calibration)
-        begun = Begun(start, target_deg=self.target_deg, dip_deg=self.dip_deg, **walk)
+        begun = InitialSettings(start, target_deg=self.target_deg, dip_deg=self.dip_deg, **walk)
         begun.calibration(start.calibration.raw)  # raises before anything is opened
         return begun
 
     def known_walk(self) -> dict[str, Any]:
         """Return the known random walk of this unit's offset as keywords; `UsageError` for a short history."""
-        from flinders.core.units import label
+        from flinders.core.units import unit_label
         from flinders.workflows.offset_history import OffsetHistory
         from flinders.workflows.walk import MIN_STEPS
 
@@ -307,7 +311,7 @@ class Watch(program.Group):
                 f"{self.history} is too short for a random walk: it has {found} estimates of the offset two hours "
                 f"apart, need {MIN_STEPS + 1}; give a longer one, or --walk"
             )
-        say(f"{self.history}: the random walk of this unit's offset is {walk}, in {label(history.unit)}")
+        say(f"{self.history}: the random walk of this unit's offset is {walk}, in {unit_label(history.unit)}")
         return {"walk": walk, "walk_unit": history.unit}
 
     def _refuse_others(self, target_deg: float) -> None:
@@ -354,15 +358,15 @@ def command(options: Watch) -> None:
     distinguishes passing disturbances, such as iron near the road, from an offset that has moved.
     """
     from flinders.apps.service.watching import Watch as Watching
-    from flinders.core.files import exclusive
+    from flinders.core.files import lock_path
 
     options.check()
     with contextlib.ExitStack() as stack:
         if options.state is not None:
-            stack.enter_context(exclusive(options.state))
-        calibration = options.began()
-        source = options.source.opened(stack, calibration, is_published=options.publish is not None)
-        stopped = stack.enter_context(stopping(patient=False))
+            stack.enter_context(lock_path(options.state))
+        calibration = options.initial_calibration()
+        source = options.source.open_source(stack, calibration, is_published=options.publish is not None)
+        stopped = stack.enter_context(catch_stop_signals(patient=False))
         say(f"watching {source.name}{'' if options.source.replay else '; Ctrl-C ends it'}")
         watching = Watching(
             source,
@@ -384,7 +388,7 @@ def command(options: Watch) -> None:
 
 def _json(report: Report) -> None:
     """Print a report as a line of JSON."""
-    click.echo(json.dumps(plain(report.as_dict())))
+    click.echo(json.dumps(json_value(report.as_dict())))
 
 
 def _start_time(recording: Recording) -> float:

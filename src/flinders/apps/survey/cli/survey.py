@@ -9,7 +9,7 @@ import click
 
 from flinders.cli import _options as option
 from flinders.cli import _program as program
-from flinders.cli._inputs import of_content, provenance
+from flinders.cli._inputs import provenance, source_file_of_content
 from flinders.cli._program import EXITS, GOOD
 from flinders.errors import UsageError
 
@@ -107,7 +107,7 @@ def command(options: Survey) -> int:
     fit = fit_survey(shots, target_deg=options.target_deg, non_linear=options.non_linear)
     if fit.verdict != "refused":
         contents = _instrument_files(fit, options)
-        source = of_content(shots.source, Path(options.path).read_bytes(), len(shots))
+        source = source_file_of_content(shots.source, Path(options.path).read_bytes(), len(shots))
         outputs.write(dumps(fit.to_document(provenance(files=[source]))), options.output)
         for path, content in contents.items():
             outputs.write(content, path)

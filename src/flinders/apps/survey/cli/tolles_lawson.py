@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from flinders.cli import _options as option
 from flinders.cli import _program as program
-from flinders.cli._inputs import opened, refuse_calibrations, saying_what_was_read
+from flinders.cli._inputs import open_recordings, refuse_calibrations, report_readings
 from flinders.cli._output import say
 from flinders.cli._program import EXITS, GOOD
 from flinders.errors import UsageError
@@ -71,18 +71,18 @@ def command(options: TollesLawson) -> int:
 
 def _samples(options: TollesLawson) -> Samples:
     """Readings of both magnetometers, in memory."""
-    from flinders.core.joining import in_memory
+    from flinders.core.joining import read_into_memory
     from flinders.estimators.data import CountedRecording
     from flinders.readers import TextRecording
 
-    recording, _ = opened([options.recording], None, **options.reading.as_dict())
+    recording, _ = open_recordings([options.recording], None, **options.reading.as_dict())
     if options.scalar is not None:
         if not isinstance(recording, TextRecording):
             raise UsageError(f"{recording.source} is not a text file: its columns are known, leave --scalar out")
         recording.name_strength(options.scalar)
     counted = CountedRecording(recording)
-    with saying_what_was_read([counted]):
-        samples = in_memory(counted)
+    with report_readings([counted]):
+        samples = read_into_memory(counted)
     say(
         "scalar magnetometer: "
         + ("none, the length of the vector" if samples.strength is None else _scalar_column(recording))

@@ -10,10 +10,10 @@ import click
 
 from flinders.cli import _options as option
 from flinders.cli import _program as program
-from flinders.cli._inputs import for_use
+from flinders.cli._inputs import load_for_use
 from flinders.cli._output import lossy_if_agreed, print_json, say
-from flinders.cli._signals import stopping
-from flinders.errors import NotConfirmed, OutputError, OutputExists, UsageError, counted
+from flinders.cli._signals import catch_stop_signals
+from flinders.errors import NotConfirmed, OutputError, OutputExists, UsageError, count_text
 
 if TYPE_CHECKING:
     from flinders.apps.vehicles.mavlink import Vehicle
@@ -59,10 +59,10 @@ class Send(program.Group):
         if self.port is not None and self.mavlink is not None:
             raise UsageError("--serial and --mavlink name two receivers: send to each with a command of its own")
         if self.port is None and self.mavlink is None:
-            from flinders.links.serial_ports import ports_in_words
+            from flinders.links.serial_ports import describe_ports
 
             raise UsageError(
-                f"no receiver: name the board's --serial port ({ports_in_words()}), or the vehicle's --mavlink "
+                f"no receiver: name the board's --serial port ({describe_ports()}), or the vehicle's --mavlink "
                 "udp:127.0.0.1:14550"
             )
         of_vehicles = {
@@ -101,15 +101,15 @@ def command(options: Send) -> None:
     a device id or mounting that differs from the calibration's.
     """
     options.check()
-    fit = for_use("send", options.calibration)
+    fit = load_for_use("send", options.calibration)
     if options.port is not None:
         _to_board(fit, options.port, options)
         return
     from flinders.fitting.export import refuse_on_top
-    from flinders.links.transports import opened_link
+    from flinders.links.transports import open_link
 
     refuse_on_top(fit, "the vehicle")
-    with contextlib.closing(opened_link(str(options.mavlink), options.baud, what="--mavlink")) as link:
+    with contextlib.closing(open_link(str(options.mavlink), options.baud, what="--mavlink")) as link:
         _to_vehicle(fit, link, options)
 
 
@@ -134,7 +134,7 @@ def _to_board(fit: Fit, port: str, options: Send) -> None:
             say(f"{port}: sending {len(packet.encode())} bytes")
             confirmed = motioncal.send(source, packet)
         except KeyboardInterrupt:
-            say(f"! stopped: {motioncal.EITHER}; send again, or read the board's output with flinders record")
+            say(f"! stopped: {motioncal.UNKNOWN_VALUES}; send again, or read the board's output with flinders record")
             raise
     say(f"{port}: {confirmed}")
     if options.as_json:
@@ -229,7 +229,7 @@ def _refuse_backup(path: str) -> None:
 
 def _carry_out(plan: ParameterPlan, path: str) -> None:
     """Set the parameters; if that fails, add the path of the backup to the error."""
-    with stopping(patient=True) as stopped:
+    with catch_stop_signals(patient=True) as stopped:
         try:
             plan.carry_out(stopped=stopped, say=say)
         except NotConfirmed as error:
@@ -247,4 +247,4 @@ def _show(plan: ParameterPlan, *, as_json: bool) -> None:
         return
     click.echo(str(plan))
     if plan.pending:
-        click.echo(f"{counted(len(plan.pending), 'value')} would change")
+        click.echo(f"{count_text(len(plan.pending), 'value')} would change")

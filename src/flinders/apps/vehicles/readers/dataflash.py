@@ -43,12 +43,12 @@ import numpy as np
 from flinders.apps.vehicles.readers.dataflash_format import (
     HEADER,
     INSTANCE,
-    LONGEST,
+    MAX_MESSAGE_BYTES,
     WHOLE,
     Messages,
     Table,
-    read_listed,
     read_packed,
+    read_text,
 )
 from flinders.apps.vehicles.readers.parameters import (
     ARDUPILOT,
@@ -56,19 +56,19 @@ from flinders.apps.vehicles.readers.parameters import (
     mounting_words,
     stage_of,
     stages,
-    stored,
-    unapplied,
-    unused,
+    stored_correction,
+    unapply_stages,
+    unused_words,
 )
 from flinders.apps.vehicles.targets.ardupilot import COMPASSES, ArduPilotParameters
 from flinders.core.units import Unit
-from flinders.errors import NoMagnetometer, UnreadableInput, counted
-from flinders.geometry.quaternions import of_angles
+from flinders.errors import NoMagnetometer, UnreadableInput, count_text
+from flinders.geometry.quaternions import from_angles
 from flinders.readers._lines import encoding_of
 from flinders.readers._log import Instrument, Log, Position, first_position
 from flinders.readers._names import ACCELERATION, ATTITUDE, CURRENT, CURRENTS, RATE, TEMPERATURE, THROTTLE, THROTTLES
 from flinders.readers._reader import Reader
-from flinders.readers._resample import AttitudeSeries, TimeSeries, blocks, resampled
+from flinders.readers._resample import AttitudeSeries, TimeSeries, blocks, resample
 from flinders.readers._source import filled_size, refusal, reserved_words
 
 if TYPE_CHECKING:
@@ -170,9 +170,9 @@ def _messages(file: File, wanted: Collection[str] = WANTED) -> Messages:
             for block in file.lines(encoding_of(file.head()))
             for place, line in enumerate(block.texts)
         )
-        return read_listed(lines, wanted)
+        return read_text(lines, wanted)
     try:
-        raw = np.memmap(file.path, np.uint8, "r").view(np.ndarray)[: filled_size(file.path) + LONGEST]
+        raw = np.memmap(file.path, np.uint8, "r").view(np.ndarray)[: filled_size(file.path) + MAX_MESSAGE_BYTES]
     except (OSError, ValueError) as error:
         raise refusal(file.name, error) from None
     messages = read_packed(raw, wanted)
@@ -260,10 +260,12 @@ class _Compass:
             field = logged[at]
             if not as_logged:
                 motor = self.motor_offsets[at]
-                field = unapplied(self.source, field, self.stage[at], centred, motor_offset=motor) - self.offsets[at]
+                field = (
+                    unapply_stages(self.source, field, self.stage[at], centred, motor_offset=motor) - self.offsets[at]
+                )
             if time is None:
                 return {"field": field}
-            return {"field": field, "time": time[at], **resampled(self.auxiliary, time[at])}
+            return {"field": field, "time": time[at], **resample(self.auxiliary, time[at])}
 
         return blocks(self.source, Unit.of("mG"), len(logged), rows)
 
@@ -289,7 +291,7 @@ def _instrument(
         name,
         Unit.of("mG"),
         compass.columns,
-        stored=stored(compass.in_force, changes=compass.changes),
+        stored=stored_correction(compass.in_force, changes=compass.changes),
         frames=IN_VEHICLE_AXES,
         autopilot="ardupilot",
         compass=number if known else None,
@@ -309,7 +311,7 @@ def _remarks(compass: _Compass, values: Mapping[str, float], number: int, ill: i
     yield mounting_words(replace(in_force, compass=number), values)
     yield "readings were logged in whole mG, truncated towards zero"
     if changes := compass.changes:
-        yield f"its parameters changed {counted(changes, 'time')}: from each reading, those in force then are removed"
+        yield f"its parameters changed {count_text(changes, 'time')}: from each reading, those in force then are removed"
     elif in_force.is_identity and not motor.any():
         yield "no calibration was in force: readings are raw"
     if np.any(offsets[-1] != compass.parameters[int(compass.stage[-1])].offset):
@@ -322,8 +324,8 @@ def _remarks(compass: _Compass, values: Mapping[str, float], number: int, ill: i
         order = "" if np.array_equal(in_force.iron, np.eye(3)) else "; newer firmware adds it after DIA and ODI"
         yield f"its motor compensation of up to {largest:.0f} mG is removed{order}"
     if ill:
-        yield f"{counted(ill, 'reading')} of an unhealthy compass left out"
-    yield from unused(values, number)
+        yield f"{count_text(ill, 'reading')} of an unhealthy compass left out"
+    yield from unused_words(values, number)
 
 
 # what was logged with the readings
@@ -434,7 +436,7 @@ def _attitude(messages: Messages, values: Mapping[str, float]) -> TimeSeries | N
     for name in ANGLES:
         table = messages.get(name)
         if table is not None and table.has("Roll", "Pitch", "Yaw"):
-            return _series(table, of_angles(np.deg2rad(table.columns("Roll", "Pitch", "Yaw"))), AttitudeSeries)
+            return _series(table, from_angles(np.deg2rad(table.columns("Roll", "Pitch", "Yaw"))), AttitudeSeries)
     return None
 
 
@@ -540,8 +542,8 @@ def _damage(messages: Messages, file: File) -> Iterator[str]:
         yield reserved_words(reserved)
     if messages.skipped:
         kind, total = ("line", "") if messages.is_text else ("byte", f" of {file.size:,}")
-        places = counted(messages.gaps, "place")
-        yield f"{counted(messages.skipped, kind)}{total} in {places} belong to no message: skipped"
+        places = count_text(messages.gaps, "place")
+        yield f"{count_text(messages.skipped, kind)}{total} in {places} belong to no message: skipped"
 
 
 def is_dataflash(head: bytes) -> bool:

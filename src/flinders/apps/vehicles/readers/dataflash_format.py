@@ -45,7 +45,7 @@ FMT_FIELDS: Final = Struct("<3xBB4s16s64s")
 NAME_BYTES: Final = np.arange(5, 9)
 IN_NAMES: Final = np.array([byte == 0 or (chr(byte).isalnum() and byte < 128) for byte in range(256)])
 """(256,) whether a name may hold the byte."""
-LONGEST: Final = 255
+MAX_MESSAGE_BYTES: Final = 255
 """Largest message in bytes: its length is one byte."""
 CHUNK: Final = 4 << 20
 """Bytes to process at a time."""
@@ -101,7 +101,7 @@ class Table:
     where: Places  # (N,) int64: first byte or line of each; ascending
 
     @classmethod
-    def packed(cls, raw: Bytes, format: Format, where: Places) -> Table:
+    def from_bytes(cls, raw: Bytes, format: Format, where: Places) -> Table:
         """Return a table of the messages that begin at some bytes of a binary log."""
         whole = np.dtype(f"V{format.length}")
         at_each_byte = np.ndarray((len(raw) - format.length + 1,), whole, raw.data, 0, (1,))
@@ -213,7 +213,7 @@ def read_packed(raw: Bytes, wanted: Collection[str]) -> Messages:
     for number, parts in places.items():
         where = np.concatenate(parts)
         if formats[number].is_readable and len(where):
-            tables.setdefault(formats[number].name, Table.packed(raw, formats[number], where))
+            tables.setdefault(formats[number].name, Table.from_bytes(raw, formats[number], where))
     return Messages(tables, len(raw) - known, gaps)
 
 
@@ -228,7 +228,7 @@ class _Segment(NamedTuple):
     @classmethod
     def of(cls, raw: Bytes, at: int, stop: int) -> _Segment:
         """Find the two bytes that begin a message."""
-        window = raw[at : stop + LONGEST + HEADER_SIZE]
+        window = raw[at : stop + MAX_MESSAGE_BYTES + HEADER_SIZE]
         first = np.flatnonzero(window[:-2] == HEADER[0])
         return cls(raw, at, stop, first[window[first + 1] == HEADER[1]])
 
@@ -280,7 +280,7 @@ class _Segment(NamedTuple):
         return max(behind, self.stop - self.at)
 
 
-def read_listed(lines: Iterable[tuple[int, str]], wanted: Collection[str]) -> Messages:
+def read_text(lines: Iterable[tuple[int, str]], wanted: Collection[str]) -> Messages:
     """Find the messages of some names in a text log.
 
     `lines`: numbers and texts, ``MAG, 11477, 217, 4, -586``; `wanted`: collection of str, names.

@@ -84,7 +84,7 @@ def stage_of(where: ArrayLike, changes: Stages) -> NDArray[np.intp]:
     return np.searchsorted([since for since, _ in changes[1:]], np.asarray(where), side="right")
 
 
-def unapplied(
+def unapply_stages(
     source: str,
     field: Floats,
     stage: NDArray[np.intp],
@@ -111,7 +111,7 @@ def unapplied(
 # description of a compass of ArduPilot
 
 
-def stored(parameters: ArduPilotParameters, *, changes: int = 0) -> Stored | None:
+def stored_correction(parameters: ArduPilotParameters, *, changes: int = 0) -> Stored | None:
     """Correction of the last readings; None for the identity."""
     if parameters.is_identity:
         return None
@@ -138,7 +138,7 @@ def mounting_words(parameters: ArduPilotParameters, values: Mapping[str, float])
     )
 
 
-def unused(values: Mapping[str, float], number: int) -> list[str]:
+def unused_words(values: Mapping[str, float], number: int) -> list[str]:
     """Sentence on the parameter that disables a compass; none if it is used."""
     off = [name for name in names("USE", number) if values.get(name) == 0]
     return [f"the vehicle did not use it ({name} is 0)" for name in off[:1]]

@@ -18,7 +18,7 @@ Times are those of the messages' headers, in seconds since the first reading, or
 not 1970; for a header without time, the time of recording.
 
 Only whole recordings are read: a damaged one is refused with the command that may repair it. Types are those that the
-recording defines (ROS 1, MCAP), else those of ROS 2 Humble. Compressed data is unpacked up to `MOST_PIECE` bytes at a
+recording defines (ROS 1, MCAP), else those of ROS 2 Humble. Compressed data is unpacked up to `MAX_CHUNK_BYTES` bytes at a
 time.
 
 Sources: ``sensor_msgs/msg/*.msg``, REP-103 and REP-145; rosbags for the containers; of velocities ``driver.py`` of
@@ -40,16 +40,16 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 import numpy as np
 
 from flinders.apps.vehicles.readers.ros_fields import Fields
-from flinders.core.files import MOST_PIECE, metered, refuse_bomb, unpacked_piece
+from flinders.core.files import MAX_CHUNK_BYTES, decompress_chunk, limit_size, refuse_bomb
 from flinders.core.units import COUNTS, Unit
-from flinders.errors import UnreadableInput, counted
-from flinders.foreign_errors import needs, reading
+from flinders.errors import UnreadableInput, count_text
+from flinders.foreign_errors import import_optional, parser_errors
 from flinders.readers._log import Instrument, Log, Position, first_position
 from flinders.readers._reader import Reader
-from flinders.readers._resample import TimeSeries, blocks, resampled
-from flinders.readers._source import MOST_MEMBER
-from flinders.readers._times import LONG
-from flinders.readers._tokenizer import shown
+from flinders.readers._resample import TimeSeries, blocks, resample
+from flinders.readers._source import MAX_MEMBER_BYTES
+from flinders.readers._times import MIN_EPOCH_S
+from flinders.readers._tokenizer import shorten
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -111,7 +111,7 @@ def open_ros(file: File, *, unit: str | None = None) -> Log:
     Log
         Without instruments if no topic is a magnetometer.
     """
-    needs("rosbags.highlevel", "ros", KIND)
+    import_optional("rosbags.highlevel", "ros", KIND)
     given = None if unit is None else Unit.of(unit)
     if file.path.name == METADATA:
         file = replace(file, path=file.path.parent)
@@ -121,7 +121,7 @@ def open_ros(file: File, *, unit: str | None = None) -> Log:
     _read(file, start, topics)
     ordered = topics.sorted()
     begun = min((int(topic.stamps[0]) for topic in ordered if topic.is_magnetometer), default=0)
-    since = begun if 1e-9 * begun > LONG else 0
+    since = begun if 1e-9 * begun > MIN_EPOCH_S else 0
     return Log(
         file.name,
         {BAG: "ROS 1 bag", MCAP: "MCAP recording"}.get(start or b"", "ROS 2 recording"),
@@ -157,7 +157,7 @@ def _raw_decoder(is_first: bool) -> Callable[[Any], Callable[[bytes, str], Any]]
 
 def _read(file: File, start: bytes | None, topics: Topics) -> None:
     """Read the selected topics of a recording, a file by its first bytes or a folder."""
-    with reading(file.name, KIND, advice=_advice(file.path, start)):
+    with parser_errors(file.name, KIND, advice=_advice(file.path, start)):
         if start is None:
             _read_folder(file, topics)
         else:
@@ -174,12 +174,12 @@ def _read_folder(file: File, topics: Topics) -> None:
     for packed in file.path.glob("*.zstd"):
         with _mcap().zstd.open(packed, "rb") as stream:
             chunks, size = iter(partial(stream.read, 1 << 20), b""), packed.stat().st_size
-            for _ in metered(packed.name, chunks, partial(int, size), most=MOST_MEMBER, ratio=False):
+            for _ in limit_size(packed.name, chunks, partial(int, size), most=MAX_MEMBER_BYTES, ratio=False):
                 pass
     expected, read = _read_by_rosbags(file.path, topics)
     if read < expected:
         raise UnreadableInput(
-            f"{file.name} is damaged: {read:,} of {counted(expected, 'message')} are readable; copy it again, or "
+            f"{file.name} is damaged: {read:,} of {count_text(expected, 'message')} are readable; copy it again, or "
             "repair the file in it with mcap recover or sqlite3 .recover"
         )
 
@@ -189,7 +189,7 @@ def _read_file(path: Path, start: bytes, topics: Topics) -> None:
     with _suffixed_path(path, SUFFIXES.get(start, "")) as named:
         expected, read = (_read_bag if start == BAG else _read_by_rosbags)(named, topics)
     if read < expected:
-        raise ValueError(f"{read:,} of {counted(expected, 'message')} are readable")
+        raise ValueError(f"{read:,} of {count_text(expected, 'message')} are readable")
 
 
 def _read_bag(path: Path, topics: Topics) -> tuple[int, int]:
@@ -251,7 +251,7 @@ def _refuse_packed_chunks(storage: Any, source: str) -> None:  # noqa: ANN401 - 
 
 def _advice(path: Path, start: bytes | None) -> str:
     """Remedy for a damaged recording."""
-    repair = f"copy it again, or try {REPAIRS[start].format(shown(path.name))}" if start else "copy it again"
+    repair = f"copy it again, or try {REPAIRS[start].format(shorten(path.name))}" if start else "copy it again"
     return (_unfinished(path) or repair) if start == SQLITE else repair
 
 
@@ -290,21 +290,21 @@ def _suffixed_path(path: Path, suffix: str) -> Iterator[Path]:
 
 def _mcap() -> Any:  # noqa: ANN401 - of rosbags
     """Return rosbags' module for MCAP; its `zstd` is Python's own, or its backport."""
-    return needs("rosbags.rosbag2.storage_mcap", "ros", KIND)
+    return import_optional("rosbags.rosbag2.storage_mcap", "ros", KIND)
 
 
 def _bound_unpacking() -> None:
-    """Limit rosbags' unpacking of chunks to `MOST_PIECE` bytes; undamaged chunks unpack as before."""
-    lz4 = needs("lz4.frame", "ros", KIND).LZ4FrameDecompressor
+    """Limit rosbags' unpacking of chunks to `MAX_CHUNK_BYTES` bytes; undamaged chunks unpack as before."""
+    lz4 = import_optional("lz4.frame", "ros", KIND).LZ4FrameDecompressor
     unpackers = {"lz4": lz4, "zstd": _mcap().zstd.ZstdDecompressor, "bz2": bz2.BZ2Decompressor}
-    for table in (_mcap().DECOMPRESSORS, needs("rosbags.rosbag1.reader", "ros", KIND).decompressors):
+    for table in (_mcap().DECOMPRESSORS, import_optional("rosbags.rosbag1.reader", "ros", KIND).decompressors):
         table.update({name: partial(_chunk, unpackers[name]) for name in table if name in unpackers})
 
 
 def _chunk(unpacker: Callable[[], Any], packed: bytes, *_: int) -> bytes:
     """Unpack a chunk, with the interface of rosbags' decompressor."""
     try:
-        return unpacked_piece(unpacker(), packed)
+        return decompress_chunk(unpacker(), packed)
     except (RuntimeError, _mcap().zstd.ZstdError) as error:  # of lz4, of zstd
         raise ValueError(f"a chunk cannot be unpacked: {error}") from None
 
@@ -313,7 +313,7 @@ def _small_messages(messages: Callable[..., Iterator[Any]], *asked: object) -> I
     """Yield messages whose unpacked size is stated and within the limit; refuse others."""
     for connection, stamp, packed in messages(*asked):
         length = _mcap().zstd.get_frame_info(packed).decompressed_size
-        if length is None or length > MOST_PIECE:
+        if length is None or length > MAX_CHUNK_BYTES:
             raise UnreadableInput("a compressed message of the recording does not state its size, or is too large")
         yield connection, stamp, packed
 
@@ -449,16 +449,16 @@ def _typestore(definition: MessageDefinition, name: str) -> Typestore:
     else:
         types = get_typestore(Stores.ROS2_HUMBLE).fielddefs
     store = get_typestore(Stores.EMPTY)
-    store.register(_plain(dict(types)))
+    store.register(checked_types(dict(types)))
     return store
 
 
-def _plain(types: dict[str, Any]) -> dict[str, Any]:
+def checked_types(types: dict[str, Any]) -> dict[str, Any]:
     """Types without constants; refuses names that are not identifiers, since rosbags generates code from them."""
     for name, (_, fields) in types.items():
         for part in (*name.split("/"), *(label for label, _ in fields)):
             if not IDENTIFIER.fullmatch(part):
-                raise ValueError(f"{shown(part)!r} is not a valid name of a type or field")
+                raise ValueError(f"{shorten(part)!r} is not a valid name of a type or field")
     return {name: ([], fields) for name, (_, fields) in types.items()}
 
 
@@ -471,7 +471,7 @@ def _columns(
     """Return a function that yields raw readings of a magnetometer with the series of sensors in its frame."""
 
     def rows(part: slice) -> dict[str, Any]:
-        return {"field": field[part], "time": time[part], **resampled(auxiliary, time[part])}
+        return {"field": field[part], "time": time[part], **resample(auxiliary, time[part])}
 
     return blocks(source, unit, len(time), rows)
 
@@ -492,7 +492,7 @@ def _instruments(source: str, topics: Sequence[_Topic], since: int, given: Unit 
             auxiliary["temperature"] = TimeSeries.of(warmth.seconds(since), warmth.table)
         yield Instrument(
             source,
-            shown(topic.name),
+            shorten(topic.name),
             unit,
             partial(_columns, source, unit, topic.seconds(since), topic.table, auxiliary),
             velocity=_velocity(topics, since),
@@ -520,7 +520,7 @@ def _common_parts(one: str, other: str) -> int:
 def _notes(topic: _Topic, unit: Unit, motion: _Topic | None, topics: Sequence[_Topic]) -> Iterator[str]:
     """Yield notes on one magnetometer."""
     yield (
-        f"axes are those of the frame {shown(topic.frame) or 'without a name'}; where that is forward, left, up "
+        f"axes are those of the frame {shorten(topic.frame) or 'without a name'}; where that is forward, left, up "
         "(REP-103), --axes x,-y,-z makes it forward, right, down"
     )
     if topic.kind == VECTOR and unit.name == COUNTS:
@@ -532,7 +532,7 @@ def _notes(topic: _Topic, unit: Unit, motion: _Topic | None, topics: Sequence[_T
             f"readings are about {length:.2g} T long, and the earth's field is 2e-05 to 7e-05 T: the driver writes "
             "another unit (give it with --unit), or normalises"
         )
-    others = sorted({shown(other.frame) for other in topics if other.kind == IMU})
+    others = sorted({shorten(other.frame) for other in topics if other.kind == IMU})
     if motion is None and others:
         yield f"acceleration and rate are left out: they are in another frame ({', '.join(others)})"
     if topic.unstamped:

@@ -33,7 +33,7 @@ OF_A_JOINT: Final = ("position", "velocity", "effort")
 """Lists of ``sensor_msgs/JointState``, one number a joint; each may be empty."""
 STEP: Final = re.compile(r"([A-Za-z]\w*)(?:\[(\d+)\])?", re.ASCII)
 """Matches a step of a path: a field, and the index in a list."""
-MAX_NAMED: Final = 200
+MAX_LISTED_FIELDS: Final = 200
 """Most fields that an error lists."""
 
 
@@ -117,7 +117,7 @@ def paths_of(message: Any, before: str = "") -> list[str]:  # noqa: ANN401
     >>> paths_of(Message(current=1.0, cells=[3.6, 3.7], pose=Message(x=0.0), name="pack"))
     ['current', 'cells[0]', 'pose.x']
     """
-    return list(_paths(message, before))[:MAX_NAMED]
+    return list(_paths(message, before))[:MAX_LISTED_FIELDS]
 
 
 def _paths(message: Any, before: str) -> Iterator[str]:  # noqa: ANN401

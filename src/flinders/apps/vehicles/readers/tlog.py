@@ -40,19 +40,19 @@ from flinders.apps.vehicles.readers.parameters import (
     mounting_words,
     stage_of,
     stages,
-    stored,
-    unapplied,
-    unused,
+    stored_correction,
+    unapply_stages,
+    unused_words,
 )
 from flinders.apps.vehicles.targets.ardupilot import BY_CURRENT, BY_THROTTLE, OFF, ArduPilotParameters, compasses
 from flinders.core.units import Unit
-from flinders.errors import NoMagnetometer, UnreadableInput, counted
-from flinders.foreign_errors import needs
-from flinders.geometry.quaternions import of_angles
+from flinders.errors import NoMagnetometer, UnreadableInput, count_text
+from flinders.foreign_errors import import_optional
+from flinders.geometry.quaternions import from_angles
 from flinders.readers._log import Instrument, Log, Position, first_position
 from flinders.readers._names import CURRENT, THROTTLE
 from flinders.readers._reader import Reader
-from flinders.readers._resample import AttitudeSeries, TimeSeries, blocks, resampled, shares
+from flinders.readers._resample import AttitudeSeries, TimeSeries, blocks, resample, throttle_shares
 
 if TYPE_CHECKING:
     import mmap
@@ -133,8 +133,8 @@ def open_tlog(file: File) -> Log:
     Raises `MissingExtra` without pymavlink; `UnreadableInput` for a file that cannot be read, or holds no packets;
     `NoMagnetometer` for a log without readings of a compass.
     """
-    telemetry = _Telemetry(needs(DIALECT, "mavlink", "a MAVLink telemetry log"))
-    with file.mapped() as content:
+    telemetry = _Telemetry(import_optional(DIALECT, "mavlink", "a MAVLink telemetry log"))
+    with file.mapped_bytes() as content:
         telemetry.gather(content)
     if not telemetry.packets:
         raise UnreadableInput(f"{file.name} holds no MAVLink packets with their times: copy it again")
@@ -284,7 +284,7 @@ class _Telemetry:
         battery, throttle = self.table(system, SYS_STATUS), self.table(system, VFR_HUD)
         drives = {
             CURRENT: TimeSeries.of(battery[:, 0], battery[:, 1:]) if battery[:, 1].any() else None,
-            THROTTLE: TimeSeries.of(throttle[:, 0], shares(throttle[:, 1:])),
+            THROTTLE: TimeSeries.of(throttle[:, 0], throttle_shares(throttle[:, 1:])),
         }
         return {kind: series for kind, series in drives.items() if series is not None}
 
@@ -307,7 +307,7 @@ class _Telemetry:
         rows = max((self.table(system, number) for number in ATTITUDE_FIELDS), key=len)
         if not len(rows):
             return None, SINCE
-        attitude = rows[:, 2:] if rows.shape[1] == 6 else of_angles(rows[:, 2:])
+        attitude = rows[:, 2:] if rows.shape[1] == 6 else from_angles(rows[:, 2:])
         ahead = np.median(rows[:, 0] - rows[:, 1]) - np.median(table[:, CLOCK] - table[:, SINCE])
         is_same = bool(abs(ahead) < MAX_CLOCK_DIFFERENCE_S)
         return AttitudeSeries.of(rows[:, 0 if is_same else 1], attitude), CLOCK if is_same else SINCE
@@ -341,8 +341,8 @@ class _Compass:
                 "acceleration": table[:, ACC],
                 "rate": self.units.rate * table[:, GYRO],
                 "temperature": self.units.temperature * table[:, TEMPERATURE] if warm else None,
-                **resampled(self.drives, table[:, SINCE]),
-                **resampled({"attitude": self.attitude}, table[:, self.attitude_by]),
+                **resample(self.drives, table[:, SINCE]),
+                **resample({"attitude": self.attitude}, table[:, self.attitude_by]),
             }
 
         return blocks(self.source, self.units.field, len(self.table), rows)
@@ -367,7 +367,7 @@ class _Compass:
                 rows = stage == each
                 motor[rows] = drive.at(table[rows, SINCE]) * parameters.motor
         in_mg = self.units.in_mg
-        return unapplied(self.source, table[:, MAG] * in_mg, stage, self.parameters, motor_offset=motor) / in_mg
+        return unapply_stages(self.source, table[:, MAG] * in_mg, stage, self.parameters, motor_offset=motor) / in_mg
 
 
 def _instrument(file: File, telemetry: _Telemetry, system: int, message: int, *, several: bool) -> Instrument:
@@ -394,7 +394,9 @@ def _instrument(file: File, telemetry: _Telemetry, system: int, message: int, *,
         f"{name} (system {system})" if several else name,
         units.field,
         compass.columns,
-        stored=None if in_force is None else stored(compass.removable(in_force), changes=len(parameters) - 1),
+        stored=None
+        if in_force is None
+        else stored_correction(compass.removable(in_force), changes=len(parameters) - 1),
         frames=IN_VEHICLE_AXES if is_turned else ("sensor", "sensor"),
         autopilot="ardupilot" if is_ardupilot else None,
         compass=number if is_ardupilot else None,
@@ -416,7 +418,7 @@ def _remarks(
     if message == RAW_IMU:
         yield "ArduPilot sends corrected readings in RAW_IMU, too"
     if changes := len(compass.parameters) - 1:
-        yield f"its parameters changed {counted(changes, 'time')}: from each reading, those in force then are removed"
+        yield f"its parameters changed {count_text(changes, 'time')}: from each reading, those in force then are removed"
     elif in_force.is_identity:
         yield "no calibration was in force: readings are raw"
     if in_force.has_disturbances:
@@ -428,7 +430,7 @@ def _remarks(
                 f"its motor compensation (COMPASS_MOT) is removed with the {by} in the telemetry, which is slower "
                 "than the compensation: read the vehicle's own log (.bin) if the motors ran"
             )
-    yield from unused(values, in_force.compass)
+    yield from unused_words(values, in_force.compass)
 
 
 def _unknown(autopilot: int | None, message: int) -> Iterator[str]:
@@ -451,10 +453,10 @@ def _unknown(autopilot: int | None, message: int) -> Iterator[str]:
 def _damage(telemetry: _Telemetry, size: int) -> Iterator[str]:
     """Yield notes on parts of the file that could not be read."""
     if telemetry.broken:
-        yield f"{counted(telemetry.broken, 'packet')} with a wrong check sum left out"
+        yield f"{count_text(telemetry.broken, 'packet')} with a wrong check sum left out"
     if telemetry.skipped:
-        places = counted(telemetry.gaps, "place")
-        yield f"{counted(telemetry.skipped, 'byte')} of {size:,} in {places} belong to no packet: skipped"
+        places = count_text(telemetry.gaps, "place")
+        yield f"{count_text(telemetry.skipped, 'byte')} of {size:,} in {places} belong to no packet: skipped"
 
 
 def _packet(content: bytes | mmap.mmap, at: int) -> Packet | None:

@@ -34,15 +34,15 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 
-from flinders.apps.vehicles.readers.parameters import onboard, stage_of, stages, unapplied
+from flinders.apps.vehicles.readers.parameters import onboard, stage_of, stages, unapply_stages
 from flinders.apps.vehicles.targets import px4
 from flinders.core.units import Unit
-from flinders.errors import ArrayError, UnreadableInput, counted, figures
-from flinders.foreign_errors import needs, reading
+from flinders.errors import ArrayError, UnreadableInput, count_text, figures
+from flinders.foreign_errors import import_optional, parser_errors
 from flinders.readers._log import Instrument, Log, Position, Stored, first_position
 from flinders.readers._names import ACCELERATION, ATTITUDE, CURRENT, CURRENTS, RATE, THROTTLE, THROTTLES
 from flinders.readers._reader import Reader
-from flinders.readers._resample import AttitudeSeries, TimeSeries, blocks, resampled, shares
+from flinders.readers._resample import AttitudeSeries, TimeSeries, blocks, resample, throttle_shares
 from flinders.readers._source import UpTo, filled_size, reserved_words
 
 if TYPE_CHECKING:
@@ -97,8 +97,8 @@ def open_ulog(file: File) -> Log:
     Returns a log without instruments if it holds no magnetometer. Raises `MissingExtra` without pyulog;
     `UnreadableInput` for a file that is not a ULog, or damaged beyond reading.
     """
-    pyulog = needs("pyulog", "px4", KIND)
-    with reading(file.name, KIND):
+    pyulog = import_optional("pyulog", "px4", KIND)
+    with parser_errors(file.name, KIND):
         flight = _Flight.of(file.name, _parse_log(pyulog, file))
         instruments = [*_sensor_mag(flight)]
         for derived in (_vehicle_magnetometer, _sensor_combined):
@@ -114,7 +114,7 @@ def open_ulog(file: File) -> Log:
             "PX4 ULog",
             tuple(replace(one, velocity=velocity, look_up=partial(named_series, file)) for one in instruments),
             position=_position(flight),
-            begun=_begun(flight),
+            begun=_start_time(flight),
             notes=(*version, *damage),
             damage=damage,
         )
@@ -179,7 +179,7 @@ def _end_of_message(file: File, filled: int) -> int:
     """End of the message that holds the last byte before `filled`, found by following messages from a mark."""
     if file.size <= HEADER:
         return HEADER
-    with file.mapped() as content:
+    with file.mapped_bytes() as content:
         place = max(content.rfind(SYNC, max(filled - TAIL, 0), filled) + len(SYNC), HEADER)
         while place < filled and place + 3 <= len(content):
             place += 3 + content[place] + (content[place + 1] << 8)
@@ -297,8 +297,12 @@ def _throttle(topics: Topics) -> TimeSeries | None:
     """Length of the commanded thrust, 0 to 1; for a VTOL plane, of all its motors."""
     thrust, controls = topics.get(("vehicle_thrust_setpoint", 0)), topics.get(("actuator_controls_0", 0))
     if thrust is not None:
-        return TimeSeries.of(_seconds(thrust), shares(np.linalg.norm(_three(thrust, "xyz"), axis=1))[:, np.newaxis])
-    return None if controls is None else TimeSeries.of(_seconds(controls), shares(_stack(controls, "control[3]")))
+        return TimeSeries.of(
+            _seconds(thrust), throttle_shares(np.linalg.norm(_three(thrust, "xyz"), axis=1))[:, np.newaxis]
+        )
+    return (
+        None if controls is None else TimeSeries.of(_seconds(controls), throttle_shares(_stack(controls, "control[3]")))
+    )
 
 
 def _currents(topics: Topics) -> TimeSeries | None:
@@ -350,8 +354,8 @@ def named_series(file: File, names: Sequence[str]) -> tuple[dict[str, TimeSeries
     topics = {name: topic.partition("[") for name, (topic, _, _) in parts.items()}
     if not topics:
         return {}, []
-    pyulog = needs("pyulog", "px4", KIND)
-    with reading(file.name, KIND):
+    pyulog = import_optional("pyulog", "px4", KIND)
+    with parser_errors(file.name, KIND):
         log = _parse_log(pyulog, file, sorted({topic for topic, _, _ in topics.values()}))
     data = {(one.name, one.multi_id): one.data for one in log.data_list}
     found, there = dict[str, TimeSeries](), list[str]()
@@ -392,9 +396,9 @@ class _Readings:
         def rows(part: slice) -> dict[str, Any]:
             time, field = self.time[part], self.field[part]
             if self.applied and not as_logged:
-                field = unapplied(self.flight.source, field, stage_of(time, self.flight.stages), self.applied)
+                field = unapply_stages(self.flight.source, field, stage_of(time, self.flight.stages), self.applied)
             warm = None if self.temperature is None else self.temperature[part]
-            return {"field": field, "time": time, "temperature": warm, **resampled(series, time, back)}
+            return {"field": field, "time": time, "temperature": warm, **resample(series, time, back)}
 
         return blocks(self.flight.source, GAUSS, len(self.time), rows)
 
@@ -545,7 +549,7 @@ def _velocity(flight: _Flight) -> TimeSeries | None:
     return TimeSeries.of(_seconds(columns)[fixed], _stack(columns, "vel_n_m_s", "vel_e_m_s")[fixed])
 
 
-def _begun(flight: _Flight) -> datetime | None:
+def _start_time(flight: _Flight) -> datetime | None:
     """UTC of the start of the log, by the satellites' clock."""
     columns = flight.satellites
     utc = np.asarray(columns.get("time_utc_usec", np.zeros(0)), np.float64)
@@ -570,7 +574,7 @@ def _damage(file: File, flight: _Flight) -> Iterator[str]:
         yield "the file ends within a message, as after a loss of power: all before it was read"
     if lost := flight.log.dropouts:
         seconds = 1e-3 * sum(one.duration for one in lost)
-        yield f"the logger lost {figures(seconds)} s in {counted(len(lost), 'dropout')}"
+        yield f"the logger lost {figures(seconds)} s in {count_text(len(lost), 'dropout')}"
 
 
 READERS: Final = (

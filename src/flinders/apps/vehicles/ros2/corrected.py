@@ -149,7 +149,7 @@ class CalibrationNews:
         self._diagnosed = now
         return diagnosis_of(self._online, now)
 
-    def file(self) -> str | None:
+    def new_file(self) -> str | None:
         """Return the calibration file of the fit in force if that calibration is new, else None."""
         fit = self.fit()
         if fit is None:

@@ -18,8 +18,8 @@ from flinders.apps.vehicles.readers.ros import motion_of, vector_of
 from flinders.apps.vehicles.ros2.names import IMU, MAGNETIC_FIELD, domain_id, full_name
 from flinders.apps.vehicles.ros2.participant import MAX_TAKEN, Participant
 from flinders.core.samples import Samples
-from flinders.core.units import EARTH_WITH_ROOM_UT, Unit
-from flinders.errors import counted, figures
+from flinders.core.units import WIDE_EARTH_FIELD_RANGE_UT, Unit
+from flinders.errors import count_text, figures
 from flinders.links.feeds import FeedEvent
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ BATCH_S: Final = 0.03
 SILENT_S: Final = 3.0  # Time without a reading after which advice is given
 MIN_REPEATS: Final = 100
 """Equal readings in a row after which advice is given."""
-STILL_S: Final = 3.0  # Least duration of these readings
+MIN_REPEAT_S: Final = 3.0  # Least duration of these readings
 MIN_ADVICE_READINGS: Final = 20
 """Least number of readings for advice on their unit or on missing axes."""
 MAX_MOTIONS: Final = 2000
@@ -172,7 +172,9 @@ class TopicFeed:
         lost = self._reader.get_sample_lost_status().total_count
         if lost > self._lost:
             new, self._lost = lost - self._lost, lost
-            words = f"{counted(new, 'reading')} of {self.topic} did not arrive: the network or this machine is too busy"
+            words = (
+                f"{count_text(new, 'reading')} of {self.topic} did not arrive: the network or this machine is too busy"
+            )
             yield FeedEvent("lost", self._now(), words)
 
     def _of_values(self, values: Floats) -> Iterator[FeedEvent]:
@@ -181,14 +183,14 @@ class TopicFeed:
         if self._unreported >= MIN_ADVICE_READINGS:
             yield from self._advise(
                 "no-answer",
-                f"{counted(self._unreported, 'reading')} of {self.topic} have an axis without a value (NaN), and are "
+                f"{count_text(self._unreported, 'reading')} of {self.topic} have an axis without a value (NaN), and are "
                 "left out: a magnetometer with three axes is needed",
             )
         for row in map(tuple, values.tolist()):
             self._same = self._same + 1 if row == self._last else 1
             self._same_since = self._now() if self._same == 1 else self._same_since
             self._last = row
-        if self._same >= MIN_REPEATS and self._now() - self._same_since >= STILL_S:
+        if self._same >= MIN_REPEATS and self._now() - self._same_since >= MIN_REPEAT_S:
             yield from self._advise(
                 "no-answer",
                 f"the last {self._same} readings of {self.topic} are the same: turn the sensor; if they stay so, its "
@@ -202,7 +204,7 @@ class TopicFeed:
 
     def _of_strength(self, strength: float) -> Iterator[FeedEvent]:
         """Yield one event if the readings are in another unit."""
-        low, high = EARTH_WITH_ROOM_UT
+        low, high = WIDE_EARTH_FIELD_RANGE_UT
         if not np.isfinite(strength) or low / 4 < strength < 4 * high or self.unit.name != UNIT:
             return
         yield from self._advise(

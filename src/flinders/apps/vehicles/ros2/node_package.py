@@ -10,7 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Final
 
-from flinders.core.files import licence, write_folder
+from flinders.core.files import licence_text, write_folder
 
 SOURCE: Final = Path(__file__).parent / "flinders_ros"
 VERSION: Final = version("flinders")
@@ -21,7 +21,7 @@ def contents() -> dict[str, str]:
     """Content of each file of the package, by name."""
     files = (path for path in SOURCE.rglob("*") if path.is_file() and "__pycache__" not in path.parts)
     texts = {path.relative_to(SOURCE).as_posix(): path.read_text(encoding="utf-8") for path in files}
-    return {name: text.replace(VERSION_MARK, VERSION) for name, text in texts.items()} | {"LICENSE": licence()}
+    return {name: text.replace(VERSION_MARK, VERSION) for name, text in texts.items()} | {"LICENSE": licence_text()}
 
 
 def write(directory: str | Path, *, force: bool = False) -> list[Path]:

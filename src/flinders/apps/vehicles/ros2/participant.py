@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from flinders.apps.vehicles.ros2.names import DOMAIN, dds_topic, ros_topic, ros_type
 from flinders.errors import LinkError
-from flinders.foreign_errors import needs
+from flinders.foreign_errors import import_optional
 
 if TYPE_CHECKING:
     from uuid import UUID
@@ -53,8 +53,11 @@ class Participant:
 
     def __init__(self, domain: int) -> None:
         self.domain = domain
-        dds = needs("cyclonedds.domain", EXTRA, "a ROS 2 topic")
-        builtin, core = needs("cyclonedds.builtin", EXTRA, "a ROS 2 topic"), needs("cyclonedds.core", EXTRA, "it")
+        dds = import_optional("cyclonedds.domain", EXTRA, "a ROS 2 topic")
+        builtin, core = (
+            import_optional("cyclonedds.builtin", EXTRA, "a ROS 2 topic"),
+            import_optional("cyclonedds.core", EXTRA, "it"),
+        )
         try:
             self._entity = dds.DomainParticipant(domain)
             self._found = builtin.BuiltinDataReader(self._entity, builtin.BuiltinTopicDcpsPublication)
@@ -65,7 +68,7 @@ class Participant:
             ) from None
         self._publications: dict[UUID, tuple[str, str]] = {}
 
-    def published(self) -> dict[str, set[str]]:
+    def published_types(self) -> dict[str, set[str]]:
         """Types of each topic that has a publisher, by its name in ROS 2."""
         endpoints: list[DcpsEndpoint] = self._found.take(MAX_TAKEN)
         for endpoint in endpoints:
@@ -86,7 +89,7 @@ class Participant:
         Raises `LinkError` without one, or for another type; the message names topics of the wanted type.
         """
         end = time.monotonic() + DISCOVERY_S
-        while kind not in (topics := self.published()).get(topic, ()):
+        while kind not in (topics := self.published_types()).get(topic, ()):
             if time.monotonic() > end:
                 raise LinkError(_not_found(topic, kind, topics, self.domain))
             time.sleep(LOOK_S)

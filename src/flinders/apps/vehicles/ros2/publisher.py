@@ -75,7 +75,7 @@ class TopicPublisher:
         self._news = self._news or CalibrationNews(online)
         if (diagnosis := self._news.diagnosis(now)) is not None:
             self._diagnostics.write(self._array(diagnosis))
-        if (text := self._news.file()) is not None:
+        if (text := self._news.new_file()) is not None:
             self._calibration.write(self._string(text))
         if (fit := self._news.fit()) is not None:
             self._correct(fit)

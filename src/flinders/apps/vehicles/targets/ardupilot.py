@@ -44,27 +44,27 @@ from flinders.apps.vehicles.targets.autopilot import (
     ROTATIONS,
     CompassParameters,
     ParameterFile,
-    in_six,
-    listed,
+    list_text,
     motor_kind,
     mountings,
-    of_six,
     refuse_values,
+    symmetric_entries,
+    symmetric_matrix,
 )
 from flinders.apps.vehicles.targets.estimators import EKF3, estimator_values
-from flinders.apps.vehicles.targets.remounting import left_out, remounting
-from flinders.arrays import Floats, floats, vectors
+from flinders.apps.vehicles.targets.remounting import remounting, rotation_notes
+from flinders.arrays import Floats, check_vectors, to_floats
 from flinders.core.units import PER_UNIT
 from flinders.errors import NotExportable, figures
 from flinders.targets._mounting import Mounting, MountingTable, euler
 from flinders.targets._numbers import (
-    MOTORS,
+    MOTOR_QUANTITIES,
     VEHICLE,
     Affine,
-    followed,
     in_recorded_axes,
     in_vehicle_axes,
     shift_in_recorded_axes,
+    split_motor_disturbance,
 )
 from flinders.targets._target import ExportOptions, Limit, Target, TargetReader, Written
 
@@ -97,7 +97,7 @@ LIMITS: Final = (
     ),
     Limit("COMPASS_SCALE", "scale", (0,), 1 / MAX_SCALE, MAX_SCALE),
 )
-OFF, BY_THROTTLE, BY_CURRENT = 0, MOTORS["throttle"], MOTORS["current"]
+OFF, BY_THROTTLE, BY_CURRENT = 0, MOTOR_QUANTITIES["throttle"], MOTOR_QUANTITIES["current"]
 """Values of COMPASS_MOTCT: the quantity that multiplies COMPASS_MOT."""
 
 NOT_WRITTEN: Final = (
@@ -158,7 +158,7 @@ class ArduPilotParameters(CompassParameters):
             For another number of a compass.
         """
         root = cls.symmetric(calibration, compass)
-        plain, follows = followed(calibration)
+        plain, follows = split_motor_disturbance(calibration)
         turn = np.eye(3) if mounting is None else mounting
         matrix = turn @ root @ turn.T
         scale = float(np.trace(matrix) / 3)
@@ -170,7 +170,7 @@ class ArduPilotParameters(CompassParameters):
                 beyond=(name,),
                 wanted={name: scale},
             )
-        diagonal, off_diagonal = in_six(matrix / scale)
+        diagonal, off_diagonal = symmetric_entries(matrix / scale)
         parameters = cls(
             offset=-(turn @ in_recorded_axes(plain)[1]) / MG,
             diagonal=diagonal,
@@ -180,7 +180,7 @@ class ArduPilotParameters(CompassParameters):
         )
         if follows is not None:
             motor = -matrix @ turn @ shift_in_recorded_axes(calibration, follows) / MG
-            parameters = replace(parameters, motor=motor, motor_by=MOTORS[follows.name])
+            parameters = replace(parameters, motor=motor, motor_by=MOTOR_QUANTITIES[follows.name])
         parameters.refuse_beyond()
         return parameters
 
@@ -226,7 +226,7 @@ class ArduPilotParameters(CompassParameters):
     @property
     def iron(self) -> Floats:
         """(3, 3) I, symmetric; if DIA is all zero, its diagonal is 1, as in ArduPilot."""
-        return of_six(self.diagonal if self.diagonal.any() else np.ones(3), self.off_diagonal)
+        return symmetric_matrix(self.diagonal if self.diagonal.any() else np.ones(3), self.off_diagonal)
 
     @property
     def matrix(self) -> Floats:
@@ -267,7 +267,7 @@ class ArduPilotParameters(CompassParameters):
 
         `drive`, (...), is the current in A or the throttle from 0 to 1, as `motor_by` says.
         """
-        readings: Floats = (vectors(raw, "raw", finite=False) + self.offset) @ self.matrix.T + self._motor(drive)
+        readings: Floats = (check_vectors(raw, "raw", finite=False) + self.offset) @ self.matrix.T + self._motor(drive)
         return readings
 
     def unapply(self, corrected: ArrayLike, drive: ArrayLike = 0.0, *, motor_offset: ArrayLike | None = None) -> Floats:
@@ -280,10 +280,12 @@ class ArduPilotParameters(CompassParameters):
         >>> set_up.unapply(set_up.apply([1.0, 2.0, 3.0])).round(9)
         array([1., 2., 3.])
         """
-        added = self._motor(drive) if motor_offset is None else vectors(motor_offset, "motor_offset", finite=False)
+        added = (
+            self._motor(drive) if motor_offset is None else check_vectors(motor_offset, "motor_offset", finite=False)
+        )
         back = self.inverse()
         with np.errstate(invalid="ignore", over="ignore"):
-            readings: Floats = (vectors(corrected, "corrected", finite=False) - added) @ back.T - self.offset
+            readings: Floats = (check_vectors(corrected, "corrected", finite=False) - added) @ back.T - self.offset
         return readings
 
     def motor_shift(self, name: str) -> Floats:  # noqa: ARG002 - in mG for both
@@ -317,15 +319,15 @@ class ArduPilotParameters(CompassParameters):
         'COMPASS_OFS2 -12, 40.5, -93 mG'
         """
         digit = _digit(self.compass)
-        parts = [f"COMPASS_OFS{digit} {listed(self.offset)} mG"]
+        parts = [f"COMPASS_OFS{digit} {list_text(self.offset)} mG"]
         if not np.array_equal(self.iron, np.eye(3)):
-            parts.append(f"COMPASS_DIA{digit} {listed(np.diag(self.iron))}")
-            parts.append(f"COMPASS_ODI{digit} {listed(self.off_diagonal)}")
+            parts.append(f"COMPASS_DIA{digit} {list_text(np.diag(self.iron))}")
+            parts.append(f"COMPASS_ODI{digit} {list_text(self.off_diagonal)}")
         if self.gain != 1.0:
             parts.append(f"COMPASS_SCALE{digit} {self.gain:.6g}")
         if self.has_disturbances:
             unit = "mG/A" if self.motor_by == BY_CURRENT else "mG at full throttle"
-            parts.append(f"COMPASS_MOT{digit} {listed(self.motor)} {unit}")
+            parts.append(f"COMPASS_MOT{digit} {list_text(self.motor)} {unit}")
         return "; ".join(parts)
 
     def refuse_beyond(self) -> None:
@@ -356,7 +358,7 @@ class ArduPilotParameters(CompassParameters):
 
     def _motor(self, drive: ArrayLike) -> Floats:
         """(..., 3) MOT x, mG; 0 if COMPASS_MOTCT is off."""
-        return floats(drive, "drive")[..., np.newaxis] * (self.motor if self.has_disturbances else np.zeros(3))
+        return to_floats(drive, "drive")[..., np.newaxis] * (self.motor if self.has_disturbances else np.zeros(3))
 
 
 # mountings
@@ -483,7 +485,7 @@ def write(calibration: Calibration, asked: ExportOptions) -> Written:
         return parameters.apply(raw if turn is None else raw @ turn.T, drive)
 
     notes = [
-        *(left_out(in_place) if new is None else [new.words("COMPASS_ORIENT"), EXTERNAL_ONLY]),
+        *(rotation_notes(in_place) if new is None else [new.words("COMPASS_ORIENT"), EXTERNAL_ONLY]),
         COMPENSATED if has_motor else NOT_WRITTEN,
         *its_notes,
     ]

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, ClassVar, Final, Self
 
 import numpy as np
 
-from flinders.arrays import Floats, floats
+from flinders.arrays import Floats, to_floats
 from flinders.core.calibration import Calibration
 from flinders.core.disturbance import Disturbance
 from flinders.core.units import MICROTESLA, Unit
@@ -30,10 +30,16 @@ from flinders.errors import (
     NotExportable,
     UnitError,
     UsageError,
-    counted,
+    count_text,
 )
-from flinders.targets._mounting import angles, without_turn
-from flinders.targets._numbers import MOTORS, decoded, followed, in_recorded_axes, single
+from flinders.targets._mounting import angles, split_rotation
+from flinders.targets._numbers import (
+    MOTOR_QUANTITIES,
+    decode_text,
+    in_recorded_axes,
+    round_to_single,
+    split_motor_disturbance,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -83,7 +89,7 @@ class CompassParameters:
     motor: Floats = field(
         default_factory=lambda: np.zeros(3)
     )  # (3,): added field per A or kA or at full throttle, in `unit`
-    motor_by: int = 0  # one of `MOTORS`, the quantity that multiplies `motor`, or 0
+    motor_by: int = 0  # one of `MOTOR_QUANTITIES`, the quantity that multiplies `motor`, or 0
     compass: int = 0  # which of several
     device_id: int | None = None
 
@@ -100,7 +106,7 @@ class CompassParameters:
     @property
     def matrix(self) -> Floats:
         """(3, 3) the A of corrected = A (raw − b)."""
-        return of_six(self.diagonal, self.off_diagonal)
+        return symmetric_matrix(self.diagonal, self.off_diagonal)
 
     @property
     def centre(self) -> Floats:
@@ -110,12 +116,12 @@ class CompassParameters:
     @property
     def has_disturbances(self) -> bool:
         """Whether the parameters compensate for motors."""
-        return self.motor_by in MOTORS.values() and bool(self.motor.any())
+        return self.motor_by in MOTOR_QUANTITIES.values() and bool(self.motor.any())
 
     def as_float32(self) -> Self:
         """Return the parameters after the autopilot has stored each value as a float32."""
-        diagonal, off_diagonal = single(self.diagonal), single(self.off_diagonal)
-        stored = replace(self, offset=single(self.offset), motor=single(self.motor))
+        diagonal, off_diagonal = round_to_single(self.diagonal), round_to_single(self.off_diagonal)
+        stored = replace(self, offset=round_to_single(self.offset), motor=round_to_single(self.motor))
         return replace(stored, diagonal=diagonal, off_diagonal=off_diagonal)
 
     def words(self) -> str:
@@ -144,7 +150,7 @@ class CompassParameters:
     def inverse(self) -> Floats:
         """(3, 3) A⁻¹; `ArrayError` if A is singular."""
         try:
-            return floats(np.linalg.inv(self.matrix))
+            return to_floats(np.linalg.inv(self.matrix))
         except np.linalg.LinAlgError:
             raise ArrayError(
                 f"{self.words()}: this matrix flattens all readings into a plane, so raw readings cannot be recovered"
@@ -165,7 +171,7 @@ class CompassParameters:
         plain = Calibration(self.matrix, self.centre, field_strength, known, raw=raw, frame=self.frame)
         if not self.has_disturbances:
             return plain
-        name = next(name for name, number in MOTORS.items() if number == self.motor_by)
+        name = next(name for name, number in MOTOR_QUANTITIES.items() if number == self.motor_by)
         motor = Disturbance(name, self.motor_shift(name), highest=1.0 if name == "throttle" else 0.0)
         return replace(plain, disturbances=(motor,))
 
@@ -190,30 +196,30 @@ class CompassParameters:
                 f"{cls.unit} (or {others} …), or give the sensor's µT per count",
                 hint={"unit": cls.unit, "scale": None},
             )
-        return without_turn(in_recorded_axes(followed(calibration)[0])[0])[0]
+        return split_rotation(in_recorded_axes(split_motor_disturbance(calibration)[0])[0])[0]
 
 
-def of_six(diagonal: Floats, off_diagonal: Floats) -> Floats:
+def symmetric_matrix(diagonal: Floats, off_diagonal: Floats) -> Floats:
     """(3, 3) symmetric matrix with a diagonal and entries xy, xz and yz.
 
-    >>> of_six(np.ones(3), np.array([0.1, 0.2, 0.3]))
+    >>> symmetric_matrix(np.ones(3), np.array([0.1, 0.2, 0.3]))
     array([[1. , 0.1, 0.2],
            [0.1, 1. , 0.3],
            [0.2, 0.3, 1. ]])
     """
     xy, xz, yz = off_diagonal
-    return floats(np.diag(diagonal) + np.array([[0, xy, xz], [xy, 0, yz], [xz, yz, 0]]))
+    return to_floats(np.diag(diagonal) + np.array([[0, xy, xz], [xy, 0, yz], [xz, yz, 0]]))
 
 
-def in_six(matrix: Floats) -> tuple[Floats, Floats]:
+def symmetric_entries(matrix: Floats) -> tuple[Floats, Floats]:
     """(3,) diagonal and (3,) entries xy, xz and yz of a symmetric matrix."""
     return np.diag(matrix), matrix[[0, 0, 1], [1, 2, 2]]
 
 
 def motor_kind(values: Mapping[str, float], name: str) -> int:
-    """The number of `MOTORS` in a parameter; 0 for other values."""
+    """The number of `MOTOR_QUANTITIES` in a parameter; 0 for other values."""
     kind = float(values.get(name, 0.0))
-    return int(kind) if kind in MOTORS.values() else 0
+    return int(kind) if kind in MOTOR_QUANTITIES.values() else 0
 
 
 def refuse_values(beyond: Mapping[str, tuple[float, str]], advice: str) -> None:
@@ -224,7 +230,7 @@ def refuse_values(beyond: Mapping[str, tuple[float, str]], advice: str) -> None:
         raise NotExportable(f"{clauses}{advice}", beyond=wanted, wanted=wanted)
 
 
-def listed(values: Iterable[float]) -> str:
+def list_text(values: Iterable[float]) -> str:
     """Write numbers for a sentence, to six digits, with commas."""
     return ", ".join(f"{value + 0.0:.6g}" for value in values)
 
@@ -261,7 +267,7 @@ class ParameterFile:
 
     def parameters(self, content: bytes, source: str, compass: int | None) -> CompassParameters:
         """Read the wanted compass, or the only one; `InputError` if it is missing, or the choice is open."""
-        values = parse(decoded(content, source), source)
+        values = parse(decode_text(content, source), source)
         there = self.offsets(values)
         if not there:
             raise DocumentError(f"{source}: holds no offsets of a compass: need {self.need} and so on")
@@ -301,7 +307,7 @@ def parse(text: str, source: str = "parameters") -> dict[str, float]:
     if bad:
         number, line = bad[0]
         raise InputError(
-            f"{source} line {number} is no parameter ({line[:40]!r}; {counted(len(bad), 'such line')}): need "
+            f"{source} line {number} is no parameter ({line[:40]!r}; {count_text(len(bad), 'such line')}): need "
             "NAME,value a line, such as COMPASS_OFS_X,-12.5"
         )
     return values

@@ -27,12 +27,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.apps.vehicles.targets import inertial
-from flinders.apps.vehicles.targets.remounting import ALIGNMENTS, DECIDEGREE, left_out, remounting
-from flinders.arrays import floats
+from flinders.apps.vehicles.targets.remounting import ALIGNMENTS, DECIDEGREE, remounting, rotation_notes
+from flinders.arrays import to_floats
 from flinders.core.units import COUNTS
 from flinders.errors import DocumentError
 from flinders.targets._mounting import Mounting, MountingTable
-from flinders.targets._numbers import VEHICLE, Affine, counts, in_16_bits, in_vehicle_axes, settings
+from flinders.targets._numbers import VEHICLE, Affine, in_16_bits, in_vehicle_axes, parse_counts, settings
 from flinders.targets._target import ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
@@ -59,11 +59,11 @@ def write(calibration: Calibration, asked: ExportOptions) -> Written:
     body = [*(f"set {name} = {value}" for name, value in values.items()), "save"]
     # no log holds the calibration in force, and magADC has it applied
     notes = [
-        *(left_out(in_place) if new is None else [new.words("align_mag"), *_custom_notes(new.mounting)]),
+        *(rotation_notes(in_place) if new is None else [new.words("align_mag"), *_custom_notes(new.mounting)]),
         "for readings recorded with mag_calibration = 0,0,0: it replaces what the board holds",
     ]
     written = None if new is None else turn
-    return Written(lambda raw: raw @ turn.T - floats(zero), body, {**values, SETTING: zero}, notes, turn=written)
+    return Written(lambda raw: raw @ turn.T - to_floats(zero), body, {**values, SETTING: zero}, notes, turn=written)
 
 
 def _alignment_settings(mounting: Mounting) -> dict[str, str]:
@@ -92,14 +92,14 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
     words = [] if value is None else value.split(",")
     if len(words) != len(NAMES):
         raise DocumentError(f"{source}: {SETTING} is {value or 'missing'}: need a line set {SETTING} = x,y,z")
-    zero = counts(dict(zip(NAMES, words, strict=True)), NAMES, source)
+    zero = parse_counts(dict(zip(NAMES, words, strict=True)), NAMES, source)
     if strength is None:
         raise DocumentError(
             f"{source}: holds an offset of {zero} counts, but not the length of readings: give "
             "the length of a reading less the offset, in counts",
             hint={"strength": None},
         )
-    calibration = Affine(np.eye(3), floats(zero), strength).to_calibration(COUNTS, known=True)
+    calibration = Affine(np.eye(3), to_floats(zero), strength).to_calibration(COUNTS, known=True)
     return replace(calibration, frame=VEHICLE)
 
 

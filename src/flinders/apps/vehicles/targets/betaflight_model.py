@@ -67,13 +67,21 @@ from flinders.apps.vehicles.targets.betaflight_schema import (
     quality_bounds,
 )
 from flinders.apps.vehicles.targets.remounting import remounting
-from flinders.arrays import Floats, floats
-from flinders.core.calibration_file import gaps, in_words
+from flinders.arrays import Floats, to_floats
+from flinders.core.calibration_file import nonfinite_places, readable_message
 from flinders.core.units import COUNTS, MICROTESLA
 from flinders.errors import DocumentError, figures
 from flinders.targets._mounting import angles, euler
 from flinders.targets._mounting import in_words as turn_in_words
-from flinders.targets._numbers import BEYOND_ALL, VEHICLE, Affine, in_16_bits, in_vehicle_axes, loaded, unmapped
+from flinders.targets._numbers import (
+    MAX_NUMBER,
+    VEHICLE,
+    Affine,
+    in_16_bits,
+    in_vehicle_axes,
+    load_object,
+    unmapping_matrix,
+)
 from flinders.targets._target import ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
@@ -115,7 +123,7 @@ def write(calibration: Calibration, asked: ExportOptions) -> Written:
         ),
         geo_reference=GeoReference(inclination_deg=_dip(asked.noise), field_strength_nt=strength_nt),
         alignment=None if proposed is None else _alignment(proposed),
-        hard_iron=_vector(floats(in_16_bits(turn @ affine.offset, NAMES))),
+        hard_iron=_vector(to_floats(in_16_bits(turn @ affine.offset, NAMES))),
         downstream_fusion=_fusion(soft_iron, strength_nt, noise),
     )
     values = msgspec.to_builtins(model)
@@ -152,7 +160,7 @@ def _noise(calibration: Calibration, noise: MeasurementNoise | None) -> tuple[fl
     """White noise of a corrected reading divided by the field strength, and `Noise`; None if unknown."""
     if noise is None:
         return None, None
-    back, strength = unmapped(calibration), calibration.field_strength
+    back, strength = unmapping_matrix(calibration), calibration.field_strength
     x, y, z = np.diag(back @ noise.field_covariance @ back.T)
     both = noise.across / strength, float(np.sqrt((x + y) / 2)) / strength, float(np.sqrt(z)) / strength
     return noise.reading / strength, both
@@ -254,7 +262,7 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
     model = _model(content, source)
     correction = model.ellipsoid_correction
     turn, offset = _in_proposed_axes(model, source)
-    matrix = turn @ floats(correction.soft_iron) @ turn.T / correction.radius
+    matrix = turn @ to_floats(correction.soft_iron) @ turn.T / correction.radius
     length = _length(correction, source) if strength is None else strength
     affine = Affine(length * matrix, offset, length)
     return replace(affine.to_calibration(COUNTS, known=strength is not None), frame=VEHICLE)
@@ -263,8 +271,8 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
 def _length(correction: EllipsoidCorrection, source: str) -> float:
     """Length of the readings less the offset, counts: the geometric mean of the radii of their ellipsoid."""
     with np.errstate(all="ignore"):
-        determinant = abs(float(np.linalg.det(floats(correction.soft_iron))))
-    if not 0.0 < determinant < BEYOND_ALL:
+        determinant = abs(float(np.linalg.det(to_floats(correction.soft_iron))))
+    if not 0.0 < determinant < MAX_NUMBER:
         raise DocumentError(
             f"{source}: soft_iron has a determinant of {determinant:.2g}: need one that corrects all three axes"
         )
@@ -293,8 +301,8 @@ def proposals(content: bytes, source: str) -> list[str]:
 
 def _model(content: bytes, source: str) -> Model:
     """Parse a file into a model; `DocumentError` if that fails."""
-    fields = loaded(content, source)
-    for place in gaps(fields):
+    fields = load_object(content, source)
+    for place in nonfinite_places(fields):
         raise DocumentError(f"{source}: {place} is not finite: need a number")
     version = fields.get("version")
     if version != VERSION:
@@ -307,7 +315,7 @@ def _model(content: bytes, source: str) -> Model:
     try:
         return msgspec.convert(fields, Model)
     except msgspec.ValidationError as error:
-        raise DocumentError(f"{source}: {in_words(error)}") from None
+        raise DocumentError(f"{source}: {readable_message(error)}") from None
 
 
 def _in_proposed_axes(model: Model, source: str) -> tuple[Floats, Floats]:

@@ -33,7 +33,7 @@ import numpy as np
 from flinders.core.units import PER_UNIT
 from flinders.errors import NotExportable, figures
 from flinders.targets._measurement_noise import YawFilter
-from flinders.targets._target import SIGMAS
+from flinders.targets._target import GATE_SIGMAS
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
@@ -153,10 +153,10 @@ def _checks(gates: Gates | None, calibration: Calibration) -> dict[str, float]:
     """EKF2_MAG_CHECK and its limits, for those of strength and dip whose spread is known."""
     checks: dict[str, float] = {}
     if gates is not None and calibration.field_strength_known:
-        limit = math.hypot(gates.strength_limit, SIGMAS * MODEL_SIGMA) / GAUSS
+        limit = math.hypot(gates.strength_limit, GATE_SIGMAS * MODEL_SIGMA) / GAUSS
         checks["EKF2_MAG_CHK_STR"] = min(math.ceil(100.0 * limit) / 100.0, 1.0)
     if gates is not None and gates.has_dip:
-        limit = math.hypot(gates.dip_limit_deg, SIGMAS * MODEL_DIP_SIGMA_DEG)
+        limit = math.hypot(gates.dip_limit_deg, GATE_SIGMAS * MODEL_DIP_SIGMA_DEG)
         checks["EKF2_MAG_CHK_INC"] = min(math.ceil(10.0 * limit) / 10.0, 90.0)
     if not checks:
         return {}

@@ -33,12 +33,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.apps.vehicles.targets import inertial
-from flinders.apps.vehicles.targets.remounting import ALIGNMENTS, DECIDEGREE, left_out, remounting
-from flinders.arrays import Floats, floats
+from flinders.apps.vehicles.targets.remounting import ALIGNMENTS, DECIDEGREE, remounting, rotation_notes
+from flinders.arrays import Floats, to_floats
 from flinders.core.units import COUNTS
 from flinders.errors import DocumentError
 from flinders.targets._mounting import Mounting, MountingTable
-from flinders.targets._numbers import INT16, counts, in_16_bits, of_radii, offset_and_radii, settings
+from flinders.targets._numbers import INT16, in_16_bits, of_radii, offset_and_radii, parse_counts, settings
 from flinders.targets._target import ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
@@ -69,12 +69,12 @@ def write(calibration: Calibration, asked: ExportOptions) -> Written:
     body = [*(f"set {name} = {value}" for name, value in values.items()), "save"]
     # no log holds the calibration in force, and magADC has it applied
     notes = [
-        *(left_out(calibration) if new is None else [new.words("align_mag"), BOARD_CONDITION]),
+        *(rotation_notes(calibration) if new is None else [new.words("align_mag"), BOARD_CONDITION]),
         "for readings recorded with magzero 0 and maggain 1024 on each axis: it replaces what the board holds",
     ]
 
     def apply(raw: Floats) -> Floats:
-        corrected = np.trunc((raw - floats(zero)) * UNIT_LENGTH / floats(gain)) + 0.0
+        corrected = np.trunc((raw - to_floats(zero)) * UNIT_LENGTH / to_floats(gain)) + 0.0
         return corrected if turn is None else corrected @ turn.T
 
     return Written(apply, body, values, notes, turn=turn)
@@ -101,8 +101,8 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
             f"{source}: no {', '.join(missing)}: need all six, magzero_x to maggain_z. INAV's diff leaves out "
             "defaults: save the output of dump"
         )
-    zero, gain = counts(pairs, ZEROS, source), counts(pairs, GAINS, source, between=(1, INT16[1]))
-    return of_radii(zero, floats(gain), strength)
+    zero, gain = parse_counts(pairs, ZEROS, source), parse_counts(pairs, GAINS, source, between=(1, INT16[1]))
+    return of_radii(zero, to_floats(gain), strength)
 
 
 TARGETS: Final = (

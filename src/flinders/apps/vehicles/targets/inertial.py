@@ -25,11 +25,11 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.arrays import floats
+from flinders.arrays import to_floats
 from flinders.core.inertial import STANDARD_GRAVITY, Triad
 from flinders.errors import NotExportable, UsageError, figures
 from flinders.targets._inertial import Asked, InertialForm, Numbers, offset_and_gains
-from flinders.targets._numbers import in_16_bits, single, whole
+from flinders.targets._numbers import in_16_bits, round_to_integers, round_to_single
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -74,7 +74,7 @@ def _ardupilot_accelerometer(triad: Triad, asked: Asked) -> Numbers:
 
 def _ardupilot_gyro(triad: Triad, asked: Asked) -> Numbers:
     """INS_GYROFFS of an IMU, 1 to 3."""
-    offset, digit = single(triad.offset), _digit(asked)
+    offset, digit = round_to_single(triad.offset), _digit(asked)
     name = f"INS_GYR{digit}OFFS_" if digit else "INS_GYROFFS_"
     values = _named(name, offset, -np.inf, np.inf, "ArduPilot")
     return Numbers(lambda raw: raw - offset, values, _ardupilot_lines(values))
@@ -101,7 +101,7 @@ def _px4(lines: Callable[[dict[str, float]], list[str]]) -> InertialForm:
         return Numbers(lambda raw: (raw - offset) * scale, values, lines(values))
 
     def gyro(triad: Triad, asked: Asked) -> Numbers:
-        offset = single(triad.offset)
+        offset = round_to_single(triad.offset)
         values = _px4_values(f"CAL_GYRO{_px4_number(asked)}_", "OFF", offset, -np.inf, np.inf)
         return Numbers(lambda raw: raw - offset, values, lines(values))
 
@@ -156,7 +156,7 @@ def _inav(triad: Triad, _asked: Asked) -> Numbers:
     body = [*(f"set {name} = {value}" for name, value in values.items()), "save"]
 
     def apply(raw: Floats) -> Floats:
-        return np.trunc((raw - floats(zero)) * floats(gain) / UNIT_GAIN)
+        return np.trunc((raw - to_floats(zero)) * to_floats(gain) / UNIT_GAIN)
 
     return Numbers(apply, {**values, "counts_per_g": one_g}, body)
 
@@ -166,21 +166,21 @@ def _betaflight(triad: Triad, _asked: Asked) -> Numbers:
     zero = in_16_bits(triad.offset, [f"acc_calibration {axis}" for axis in "xyz"])
     text = ",".join(map(str, (*zero, 1)))
     body = [f"set acc_calibration = {text}", "save"]
-    return Numbers(lambda raw: raw - floats(zero), {"acc_calibration": (*zero, 1)}, body)
+    return Numbers(lambda raw: raw - to_floats(zero), {"acc_calibration": (*zero, 1)}, body)
 
 
 def _paparazzi(triad: Triad, _asked: Asked) -> Numbers:
     """``ACCEL_X_NEUTRAL`` and ``ACCEL_X_SENS``: (raw − neutral) sens, in 2⁻¹⁰ m/s²."""
     neutrals = [f"ACCEL_{axis}_NEUTRAL" for axis in AXES]
     low, high = LIMITS_32
-    neutral = whole(triad.offset, neutrals, lowest=low, highest=high, advice="check the recording")
+    neutral = round_to_integers(triad.offset, neutrals, lowest=low, highest=high, advice="check the recording")
     gains = {
         f"ACCEL_{axis}_SENS": float(f"{UNITS_PER_MS2 * gain:.9g}")
         for axis, gain in zip(AXES, np.diag(triad.matrix), strict=True)
     }
     values = {**dict(zip(neutrals, neutral, strict=True)), **gains}
-    sens = floats(list(gains.values()))
-    return Numbers(lambda raw: (raw - floats(neutral)) * sens, values, list(_defines(values)))
+    sens = to_floats(list(gains.values()))
+    return Numbers(lambda raw: (raw - to_floats(neutral)) * sens, values, list(_defines(values)))
 
 
 def _defines(values: dict[str, float]) -> Iterator[str]:

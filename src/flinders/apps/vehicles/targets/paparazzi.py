@@ -24,11 +24,19 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.apps.vehicles.targets import inertial
-from flinders.arrays import floats
+from flinders.arrays import to_floats
 from flinders.core.units import COUNTS
 from flinders.errors import DocumentError, NotExportable
 from flinders.targets._comments import MARKUP
-from flinders.targets._numbers import counts, decoded, keyed, numbers, of_radii, offset_and_radii, whole
+from flinders.targets._numbers import (
+    decode_text,
+    numbers,
+    of_radii,
+    offset_and_radii,
+    parse_counts,
+    parse_pairs,
+    round_to_integers,
+)
 from flinders.targets._target import ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
@@ -57,17 +65,19 @@ def write(calibration: Calibration, _asked: ExportOptions) -> Written:
             hint={"axes": None},
             beyond=SENSITIVITIES,
         )
-    rounded = whole(offset, NEUTRALS, lowest=LOWEST, highest=HIGHEST, advice="check the unit of the recording")
+    rounded = round_to_integers(
+        offset, NEUTRALS, lowest=LOWEST, highest=HIGHEST, advice="check the unit of the recording"
+    )
     neutral = dict(zip(NEUTRALS, rounded, strict=True))
     sensitivity = {
         name: float(f"{UNIT_LENGTH / radius:.9g}") for name, radius in zip(SENSITIVITIES, radii, strict=True)
     }
-    gains = floats(list(sensitivity.values()))
+    gains = to_floats(list(sensitivity.values()))
     body = [
         *(f'<define name="{name}" value="{value}"/>' for name, value in neutral.items()),
         *(f'<define name="{name}" value="{value:.9g}" integer="16"/>' for name, value in sensitivity.items()),
     ]
-    return Written(lambda raw: (raw - floats(rounded)) * gains, body, {**neutral, **sensitivity})
+    return Written(lambda raw: (raw - to_floats(rounded)) * gains, body, {**neutral, **sensitivity})
 
 
 def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
@@ -78,14 +88,14 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
     Raises `DocumentError` if a define is missing, has two values or is not a number of its kind, and if an axis is
     inverted.
     """
-    defines = _defines(decoded(content, source), source)
+    defines = _defines(decode_text(content, source), source)
     turned = [name for name in SIGNS if defines.get(name, "1").strip() not in {"1", "+1"}]
     if turned:
         raise DocumentError(
             f"{source}: {turned[0]} is {defines[turned[0]]}: the order of the sign and the numbers is "
             "unknown; use the axes of IMU_MAG_RAW, and define no sign but 1"
         )
-    neutral = counts(defines, NEUTRALS, source, between=(LOWEST, HIGHEST))
+    neutral = parse_counts(defines, NEUTRALS, source, between=(LOWEST, HIGHEST))
     sensitivity = numbers(defines, SENSITIVITIES, source)
     if not np.all(sensitivity > 0):
         raise DocumentError(f"{source}: {', '.join(SENSITIVITIES)} must be above 0: an axis is lost or inverted")
@@ -102,7 +112,7 @@ def _defines(text: str, source: str) -> dict[str, str]:
         name = fields.get("name", "").removeprefix("IMU_")
         if name in {*NAMES, *SIGNS}:
             lines.append(f"{name}={' '.join(fields.get('value', '').split())}")
-    return keyed("\n".join(lines), source)
+    return parse_pairs("\n".join(lines), source)
 
 
 TARGETS: Final = (

@@ -45,19 +45,25 @@ from flinders.apps.vehicles.targets.autopilot import (
     ROTATIONS,
     CompassParameters,
     ParameterFile,
-    in_six,
-    listed,
+    list_text,
     motor_kind,
     mountings,
     refuse_values,
+    symmetric_entries,
 )
 from flinders.apps.vehicles.targets.estimators import EKF2, estimator_values
-from flinders.apps.vehicles.targets.remounting import left_out, remounting
-from flinders.arrays import Floats, floats, vectors
+from flinders.apps.vehicles.targets.remounting import remounting, rotation_notes
+from flinders.arrays import Floats, check_vectors, to_floats
 from flinders.core.units import PER_UNIT
 from flinders.errors import UsageError, figures
 from flinders.targets._mounting import Mounting, MountingTable, euler
-from flinders.targets._numbers import MOTORS, Affine, followed, in_recorded_axes, shift_in_recorded_axes
+from flinders.targets._numbers import (
+    MOTOR_QUANTITIES,
+    Affine,
+    in_recorded_axes,
+    shift_in_recorded_axes,
+    split_motor_disturbance,
+)
 from flinders.targets._target import ExportOptions, Limit, Target, TargetReader, Written
 
 if TYPE_CHECKING:
@@ -134,13 +140,13 @@ class Px4Parameters(CompassParameters):
             For another number of a compass.
         """
         matrix = cls.symmetric(calibration, compass)
-        plain, follows = followed(calibration)
-        diagonal, off_diagonal = in_six(matrix)
+        plain, follows = split_motor_disturbance(calibration)
+        diagonal, off_diagonal = symmetric_entries(matrix)
         offset = in_recorded_axes(plain)[1] / GAUSS
         parameters = cls(offset=offset, diagonal=diagonal, off_diagonal=off_diagonal, compass=compass)
         if follows is not None:
             motor = -shift_in_recorded_axes(calibration, follows) * DRIVE_UNITS[follows.name] / GAUSS
-            parameters = replace(parameters, motor=motor, motor_by=MOTORS[follows.name])
+            parameters = replace(parameters, motor=motor, motor_by=MOTOR_QUANTITIES[follows.name])
         parameters.refuse_beyond()
         return parameters
 
@@ -181,7 +187,7 @@ class Px4Parameters(CompassParameters):
     @property
     def centre(self) -> Floats:
         """(3,) OFF in µT: the b of corrected = A (raw − b)."""
-        return floats(GAUSS * self.offset)
+        return to_floats(GAUSS * self.offset)
 
     @property
     def mounting(self) -> Floats:
@@ -208,8 +214,10 @@ class Px4Parameters(CompassParameters):
 
         `drive`, (...), is the current in kA or the throttle from 0 to 1, as CAL_MAG_COMP_TYP says.
         """
-        added: Floats = floats(drive, "drive")[..., np.newaxis] * self.motor
-        readings: Floats = (vectors(raw, "raw", finite=False) + added - self.offset) @ (self.mounting @ self.matrix).T
+        added: Floats = to_floats(drive, "drive")[..., np.newaxis] * self.motor
+        readings: Floats = (check_vectors(raw, "raw", finite=False) + added - self.offset) @ (
+            self.mounting @ self.matrix
+        ).T
         return readings
 
     def unapply(self, corrected: ArrayLike, drive: ArrayLike = 0.0) -> Floats:
@@ -219,8 +227,8 @@ class Px4Parameters(CompassParameters):
         >>> set_up.unapply(set_up.apply([0.1, 0.2, 0.3])).round(9)
         array([0.1, 0.2, 0.3])
         """
-        added = floats(drive, "drive")[..., np.newaxis] * self.motor
-        turned = vectors(corrected, "corrected", finite=False) @ self.mounting
+        added = to_floats(drive, "drive")[..., np.newaxis] * self.motor
+        turned = check_vectors(corrected, "corrected", finite=False) @ self.mounting
         readings: Floats = turned @ self.inverse().T + self.offset - added
         return readings
 
@@ -246,13 +254,13 @@ class Px4Parameters(CompassParameters):
         >>> Px4Parameters(offset=np.array([0.0282, -0.2002, -0.1369]), compass=1).words()
         'CAL_MAG1_OFF 0.0282, -0.2002, -0.1369 G'
         """
-        parts = [f"CAL_MAG{self.compass}_OFF {listed(self.offset)} G"]
+        parts = [f"CAL_MAG{self.compass}_OFF {list_text(self.offset)} G"]
         if not np.all(self.diagonal == 1):
-            parts.append(f"SCALE {listed(self.diagonal)}")
+            parts.append(f"SCALE {list_text(self.diagonal)}")
         if self.off_diagonal.any():
-            parts.append(f"ODIAG {listed(self.off_diagonal)}")
+            parts.append(f"ODIAG {list_text(self.off_diagonal)}")
         if self.motor.any():
-            parts.append(f"COMP {listed(self.motor)}")
+            parts.append(f"COMP {list_text(self.motor)}")
         return ", ".join(parts)
 
     def refuse_beyond(self) -> None:
@@ -375,9 +383,9 @@ def _write_lines(calibration: Calibration, line: Callable[[str, str], str], aske
     turn = np.eye(3) if new is None else new.turn
     parameters = Px4Parameters.of(calibration, compass=compass).as_float32()
     values = dict([*(() if new is None else mounting_rows(new.mounting, compass)), *parameters.rows()])
-    motor = followed(calibration)[1]
+    motor = split_motor_disturbance(calibration)[1]
     if motor is not None:
-        values["CAL_MAG_COMP_TYP"] = MOTORS[motor.name]
+        values["CAL_MAG_COMP_TYP"] = MOTOR_QUANTITIES[motor.name]
     size = 1.0 if motor is None else DRIVE_UNITS[motor.name]
     of_estimator, its_notes = estimator_values(EKF2, calibration, asked)
     values |= of_estimator
@@ -388,7 +396,7 @@ def _write_lines(calibration: Calibration, line: Callable[[str, str], str], aske
 
     its_mounting = "" if new else f", and CAL_MAG{compass}_ROT its mounting"
     notes = [
-        *(left_out(calibration) if new is None else [new.words(f"CAL_MAG{compass}_ROT"), EXTERNAL_ONLY]),
+        *(rotation_notes(calibration) if new is None else [new.words(f"CAL_MAG{compass}_ROT"), EXTERNAL_ONLY]),
         f"CAL_MAG{compass}_ID must already be the device_id of this sensor{its_mounting}; {RESTART}",
         *[COMPENSATED] * (motor is not None),
         *its_notes,

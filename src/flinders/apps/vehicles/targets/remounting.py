@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.targets._difference import LOSS_DEG, heading_deg
+from flinders.targets._difference import MAX_LOSS_DEG, heading_deg
 from flinders.targets._mounting import MountingTable, apart_deg, in_words, turn_of
 from flinders.targets._numbers import in_recorded_axes
 
@@ -66,14 +66,14 @@ def remounting(
     turn = turn_of(in_recorded_axes(calibration)[0])
     if in_force is None or turn is None or np.linalg.det(turn) < 0:
         return None
-    if heading_deg(apart_deg(turn, np.eye(3))) <= LOSS_DEG:
+    if heading_deg(apart_deg(turn, np.eye(3))) <= MAX_LOSS_DEG:
         return None
     mounting = table.mounting(turn @ in_force if after else in_force @ turn)
     turn = mounting.rotation @ in_force.T if after else in_force.T @ mounting.rotation
     return Remounting(mounting, turn, in_force)
 
 
-def left_out(calibration: Calibration) -> list[str]:
+def rotation_notes(calibration: Calibration) -> list[str]:
     """Notes on a rotation that is not written as a mounting."""
     turn = turn_of(in_recorded_axes(calibration)[0])
     return [] if turn is None else [f"left out: a rotation of {in_words(turn)}, which belongs in the mounting"]

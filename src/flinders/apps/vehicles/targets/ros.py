@@ -36,7 +36,7 @@ import numpy as np
 
 from flinders.errors import DocumentError, NotExportable
 from flinders.targets._measurement_noise import YawFilter
-from flinders.targets._numbers import Affine, acting, decoded, keyed, numbers, yaml_text
+from flinders.targets._numbers import Affine, axes_of_action, decode_text, numbers, parse_pairs, yaml_text
 from flinders.targets._target import ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def write_fusioncore(calibration: Calibration, asked: ExportOptions) -> Written:
 
     Axes must be those of the body: x forward, y left, z up.
     """
-    exact = Affine.of(calibration, "T", who="FusionCore", acts=acting("mapped", calibration))
+    exact = Affine.of(calibration, "T", who="FusionCore", acts=axes_of_action("mapped", calibration))
     affine = Affine(_round_to_ten_digits(exact.matrix), _round_to_ten_digits(exact.offset), exact.strength)
     values: dict[str, Any] = {"hard_iron": affine.offset, "soft_iron": affine.matrix.ravel()}
     notes = [BODY_AXES]
@@ -140,8 +140,8 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
 
     Raises `DocumentError` if numbers are missing.
     """
-    text = decoded(content, source)
-    offset = numbers(keyed(text, source, ":"), INITIAL_BIAS, source)
+    text = decode_text(content, source)
+    offset = numbers(parse_pairs(text, source, ":"), INITIAL_BIAS, source)
     match = re.search(rf"{INITIAL_MATRIX}\s*:\s*\[([^\]]*)\]", text)
     if match is None:
         raise DocumentError(f"{source}: no {INITIAL_MATRIX}: [...] with nine numbers")

@@ -33,11 +33,11 @@ from xml.etree import ElementTree
 import numpy as np
 
 from flinders.errors import DocumentError
-from flinders.geometry.quaternions import of_matrix, rotated
-from flinders.targets._code_text import begun
+from flinders.geometry.quaternions import from_matrix, rotate_vectors
+from flinders.targets._code_text import name_prefix
 from flinders.targets._comments import HASH, MARKUP
 from flinders.targets._mounting import angles, euler
-from flinders.targets._numbers import decoded, numbers
+from flinders.targets._numbers import decode_text, numbers
 from flinders.targets._placement import Placement, mounting_target, to_calibration
 from flinders.targets._target import ExportOptions, TargetReader, Written
 from flinders.targets.system_mounting import plain
@@ -63,7 +63,7 @@ def write_urdf(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write a fixed joint and its link; raises `NotExportable` for a mirrored sensor."""
     placement = _placement(calibration, asked, "a joint of URDF")
     rpy = np.round(np.deg2rad(angles(placement.rotation)), 9) + 0.0
-    name = begun(NAME, asked.name)
+    name = name_prefix(NAME, asked.name)
     body = [
         f'<joint name="{name}_joint" type="fixed">',
         f'  <parent link="{PARENT}"/>',
@@ -72,7 +72,7 @@ def write_urdf(calibration: Calibration, asked: ExportOptions) -> Written:
         "</joint>",
         f'<link name="{name}_link"/>',
     ]
-    return placement.written(euler(*np.rad2deg(rpy)), body, {"rpy": rpy}, notes=NOTES)
+    return placement.write_rotation(euler(*np.rad2deg(rpy)), body, {"rpy": rpy}, notes=NOTES)
 
 
 def read_urdf(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
@@ -80,7 +80,7 @@ def read_urdf(content: bytes, source: str, *, strength: float | None = None) -> 
 
     Raises `DocumentError` for another text, or for several such joints.
     """
-    text = re.sub(r"<\?xml.*?\?>", "", decoded(content, source), flags=re.DOTALL)
+    text = re.sub(r"<\?xml.*?\?>", "", decode_text(content, source), flags=re.DOTALL)
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise DocumentError(f"{source}: a document type: need URDF as plain XML")
     try:
@@ -107,16 +107,16 @@ def _names(joint: ElementTree.Element) -> str:
 def write_transform(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write the command that publishes the transform; raises `NotExportable` for a mirrored sensor."""
     placement = _placement(calibration, asked, "a transform of ROS")
-    w, x, y, z = np.round(of_matrix(placement.rotation), 9).tolist()
+    w, x, y, z = np.round(from_matrix(placement.rotation), 9).tolist()
     quaternion = np.array([x, y, z, w]) + 0.0
-    name = begun(NAME, asked.name)
+    name = name_prefix(NAME, asked.name)
     turned = " ".join(f"--{key} {plain(value)}" for key, value in zip(QUATERNION, quaternion, strict=True))
     body = [
         "ros2 run tf2_ros static_transform_publisher --x 0 --y 0 --z 0 \\",
         f"  {turned} \\",
         f"  --frame-id {PARENT} --child-frame-id {name}_link",
     ]
-    return placement.written(rotation_of(quaternion), body, {"quaternion": quaternion}, notes=NOTES)
+    return placement.write_rotation(rotation_matrix(quaternion), body, {"quaternion": quaternion}, notes=NOTES)
 
 
 def read_transform(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
@@ -124,7 +124,7 @@ def read_transform(content: bytes, source: str, *, strength: float | None = None
 
     Raises `DocumentError` for another text.
     """
-    text = decoded(content, source)
+    text = decode_text(content, source)
     if "static_transform_publisher" not in text:
         raise DocumentError(f"{source}: need the command static_transform_publisher with its options")
     given = dict(re.findall(r"--(q[xyzw]|roll|pitch|yaw)[\s=]+(\S+)", text))
@@ -135,16 +135,16 @@ def read_transform(content: bytes, source: str, *, strength: float | None = None
     quaternion = numbers(dict(zip(QUATERNION, "0001", strict=True)) | given, QUATERNION, source)
     if not 0.99 < float(np.linalg.norm(quaternion)) < 1.01:
         raise DocumentError(f"{source}: the quaternion is {np.linalg.norm(quaternion):.3g} long: need 1")
-    return to_calibration(rotation_of(quaternion), source, strength=strength)
+    return to_calibration(rotation_matrix(quaternion), source, strength=strength)
 
 
-def rotation_of(quaternion: Floats) -> Floats:
+def rotation_matrix(quaternion: Floats) -> Floats:
     """(3, 3) rotation of a quaternion x, y, z, w.
 
-    >>> rotation_of(np.array([0.0, 0.0, 1.0, 0.0])) @ [1.0, 2.0, 3.0]
+    >>> rotation_matrix(np.array([0.0, 0.0, 1.0, 0.0])) @ [1.0, 2.0, 3.0]
     array([-1., -2.,  3.])
     """
-    return rotated(np.roll(quaternion / np.linalg.norm(quaternion), 1), np.eye(3)).T
+    return rotate_vectors(np.roll(quaternion / np.linalg.norm(quaternion), 1), np.eye(3)).T
 
 
 def _placement(calibration: Calibration, asked: ExportOptions, who: str) -> Placement:

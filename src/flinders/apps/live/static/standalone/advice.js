@@ -87,7 +87,7 @@ export function nextMovement(fit) {
  * @returns {boolean}
  */
 export function isIdle({ worstDeg, afterDeg }, { numbers }) {
-    return afterDeg > (1 - numbers.WORTH_IT) * worstDeg;
+    return afterDeg > (1 - numbers.MIN_SAVED_SHARE) * worstDeg;
 }
 
 /**

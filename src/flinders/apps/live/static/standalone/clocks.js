@@ -20,14 +20,14 @@ const DAY_S = 86400;
  */
 export function clocksOf(rules, rows, places) {
     const secondsAt = (/** @type {number} */ place) => (/** @type {readonly string[]} */ row) => {
-        const groups = whole(rules.WHEN, row[place] ?? "")?.groups;
+        const groups = whole(rules.DATE_AND_TIME, row[place] ?? "")?.groups;
         return groups?.second ? secondsOfDay(groups) : NaN;
     };
     return places.flatMap((cell) => {
         const seconds = secondsAt(cell);
         const filled = rows.filter((row) => row[cell]?.trim());
         const known = filled.filter((row) => Number.isFinite(seconds(row)));
-        return known.length && known.length >= rules.ENOUGH * filled.length ? [{ cell, seconds }] : [];
+        return known.length && known.length >= rules.MIN_TIME_SHARE * filled.length ? [{ cell, seconds }] : [];
     });
 }
 

@@ -99,7 +99,7 @@ export function markedDialect(prints, rules, lines) {
 function areUnits(rules, rows) {
     const gravity = rows.map((cells) => Math.hypot(...cells.slice(0, 3).map((cell) => (cell ? Number(cell) : NaN))));
     const hasPoint = rows.some((cells) => cells.slice(0, 3).some((cell) => cell.includes(".")));
-    return hasPoint && Math.min(...gravity) > 0 && Math.max(...gravity) < rules.MOST_IN_UNITS;
+    return hasPoint && Math.min(...gravity) > 0 && Math.max(...gravity) < rules.MAX_ACCELERATION;
 }
 
 // JSON, a record in each line
@@ -144,7 +144,7 @@ export function jsonLines(prints, rules, lines) {
         const isNumber = (/** @type {any} */ value) =>
             typeof value === "number" || (typeof value === "string" && value !== "" && prints.number(value) !== null);
         const numbers = values.filter(isNumber);
-        if (numbers.length >= rules.LEAST) keys.push(Array.isArray(record) ? "" : [...flat(record).keys()].join("\n"));
+        if (numbers.length >= rules.MIN_NUMBERS) keys.push(Array.isArray(record) ? "" : [...flat(record).keys()].join("\n"));
     }
     const counts = countKeys(keys);
     const split = (/** @type {string} */ key) => (key ? key.split("\n") : []);
@@ -236,7 +236,7 @@ class Stamped {
 export function stampedDialect(rules, lines, behind, table, isMarked) {
     const filled = lines.filter((line) => line.trim());
     const stamps = filled.map((line) => ahead(rules.wrapped.STAMP, line)).filter((stamp) => stamp !== null);
-    if (!stamps.length || stamps.length < rules.wrapped.MOST * filled.length) return null;
+    if (!stamps.length || stamps.length < rules.wrapped.MIN_STAMP_SHARE * filled.length) return null;
     const marks = stamps.map((stamp) => stamp.groups?.mark ?? "");
     if (isMarked && marks.some((mark) => [",", ";", "\t"].includes(mark))) return null;
     const rest = stamps.map((stamp) => stamp.input.slice(stamp[0].length));
@@ -278,7 +278,7 @@ class Heading {
 
     /** @param {string} line */
     isHeading(line) {
-        return line.length <= this.rules.LONGEST && /[:{]$/.test(line.trimEnd()) && !this.prints.cut(line).numbers.length;
+        return line.length <= this.rules.MAX_LINE_LETTERS && /[:{]$/.test(line.trimEnd()) && !this.prints.cut(line).numbers.length;
     }
 }
 
@@ -315,7 +315,7 @@ class Labelled {
         const { kinds, closing, needed, hasHeadings, labels, signs } = this.form;
         if (hasHeadings) line = this.heading.joinHeading(line);
         if (!line) return hasHeadings ? [] : null;
-        const { numbers, gaps } = line.length <= this.rules.LONGEST ? this.prints.cut(line) : { numbers: [], gaps: [] };
+        const { numbers, gaps } = line.length <= this.rules.MAX_LINE_LETTERS ? this.prints.cut(line) : { numbers: [], gaps: [] };
         const kind = gaps.length > 1 ? this.prints.namesOf(gaps).join("\n") : "";
         const start = numbers.length ? kinds.get(kind) : undefined;
         const label = labels?.get(kind);
@@ -338,15 +338,15 @@ class Labelled {
  * @returns {Dialect | null}
  */
 export function labelledDialect(prints, rules, lines, isMarked) {
-    const { OFTEN, LEAST_SHARE, LONGEST, PLAIN } = rules;
-    const filled = lines.filter((line) => line.trim() && !prints.isComment(line) && line.length <= LONGEST);
+    const { MIN_KIND_SHARE, MIN_FIELD_SHARE, MAX_LINE_LETTERS, PLAIN } = rules;
+    const filled = lines.filter((line) => line.trim() && !prints.isComment(line) && line.length <= MAX_LINE_LETTERS);
     const heading = new Heading(prints, rules);
     const headed = filled.map((line) => heading.joinHeading(line)).filter(Boolean).map((line) => printedOf(prints, rules, line));
     const alone = filled.map((line) => printedOf(prints, rules, line));
     const hasHeadings = haveHeadings(prints, heading, alone, headed);
     const all = hasHeadings ? headed : alone;
     const ofThree = countKeys(all.filter(({ numbers }) => numbers.length >= PLAIN.length).map(({ kind }) => kind));
-    const enough = OFTEN * Math.max(0, ...ofThree.values());
+    const enough = MIN_KIND_SHARE * Math.max(0, ...ofThree.values());
     const read = all.filter(({ numbers, isSetting, isPlain }) => numbers.length && !isSetting && !(isPlain && !isMarked));
     const counts = countKeys(read.map(({ kind }) => kind));
     const kinds = [...new Set(read.filter(({ isLabelled }) => isLabelled || !isMarked).map(({ kind }) => kind))];
@@ -354,11 +354,11 @@ export function labelledDialect(prints, rules, lines, isMarked) {
     const able = often(enough).filter((kind) => mayBeReadings(prints, rules, [kind], read));
     const closing = magnetometerKind(prints, rules, able, counts);
     const total = [...ofThree.values()].reduce((sum, count) => sum + count, 0);
-    if (closing !== null && (counts.get(closing) ?? 0) < LEAST_SHARE * total) return null;
+    if (closing !== null && (counts.get(closing) ?? 0) < MIN_FIELD_SHARE * total) return null;
     const most = Math.max(0, ...kinds.filter((kind) => kind.trim()).map((kind) => counts.get(kind) ?? 0));
     const form =
         closing === null
-            ? axisByAxis(prints, rules, often(Math.max(OFTEN * most, enough)), read)
+            ? axisByAxis(prints, rules, often(Math.max(MIN_KIND_SHARE * most, enough)), read)
             : lineByLine(prints, rules, closing, counts, read);
     if (!form) return isMarked ? null : byPlace(prints, rules, read, enough, all);
     return new Labelled(prints, rules, { ...form, hasHeadings, labels: labelsOf(rules, form, read) });
@@ -392,7 +392,7 @@ function labelsOf(rules, { kinds, closing, needed }, read) {
     for (const [kind, start] of [...kinds]) {
         const lines = read.filter((line) => line.kind === kind);
         const counts = countKeys(lines.map(({ label }) => label));
-        const often = [...counts.keys()].filter((label) => (counts.get(label) ?? 0) >= rules.SELDOM * lines.length);
+        const often = [...counts.keys()].filter((label) => (counts.get(label) ?? 0) >= rules.MIN_AUXILIARY_SHARE * lines.length);
         if (!often.length || often.length > rules.MAX_LABELS) continue;
         labels.set(kind, often[0]);
         if (often.length === 1) continue;
@@ -434,7 +434,7 @@ function mayBeReadings({ names }, rules, kinds, read) {
 function counts(rules, values) {
     const known = values.filter(Number.isFinite);
     const steps = known.slice(1).map((value, i) => value - known[i]);
-    return steps.length >= rules.MIN_ROWS - 1 && Math.max(...steps) > 0 && Math.max(...steps) <= rules.EVEN * Math.min(...steps);
+    return steps.length >= rules.MIN_ROWS - 1 && Math.max(...steps) > 0 && Math.max(...steps) <= rules.MAX_STEP_RATIO * Math.min(...steps);
 }
 
 /** @param {number[]} values */
@@ -475,7 +475,7 @@ function printedOf(prints, rules, line) {
 function magnetometerKind({ names }, rules, kinds, counts) {
     const sensors = kinds.filter((kind) => names.magnetometer(kind.split("\n")));
     const most = Math.max(...sensors.map((kind) => counts.get(kind) ?? 0));
-    const often = sensors.filter((kind) => (counts.get(kind) ?? 0) >= rules.OFTEN * most);
+    const often = sensors.filter((kind) => (counts.get(kind) ?? 0) >= rules.MIN_KIND_SHARE * most);
     const quality = (/** @type {string} */ kind) => {
         const columns = kind.split("\n");
         const best = names.magnetometer(columns);
@@ -502,7 +502,7 @@ function lineByLine(prints, rules, closing, counts, read) {
         const columns = kind.split("\n");
         const hasTime = columns.some((name) => prints.names.meaning(name).kind === rules.TIME);
         const isFelt = prints.names.vectors(columns, rules.ACCELERATION).length > 0;
-        if (kind === closing || count < rules.SELDOM * (counts.get(closing) ?? 0) || !(hasTime || isFelt)) continue;
+        if (kind === closing || count < rules.MIN_AUXILIARY_SHARE * (counts.get(closing) ?? 0) || !(hasTime || isFelt)) continue;
         kinds.set(kind, names.length);
         names.push(...columns);
     }
@@ -548,9 +548,9 @@ function byPlace(prints, rules, read, enough, all) {
     const best = largest([...alike.keys()], (key) => [alike.get(key) ?? 0]);
     const count = best === undefined ? 0 : alike.get(best) ?? 0;
     const beside = countKeys(all.filter(({ numbers }) => numbers.length < rules.PLAIN.length).map(({ gaps }) => gaps.join("\n")));
-    const regular = [...beside.values()].filter((lines) => lines >= rules.OFTEN * count).reduce((sum, lines) => sum + lines, 0);
-    const least = Math.max(enough, rules.OFTEN * (all.length - regular));
-    if (!count || count < least || [...alike.values()].filter((other) => other > rules.OFTEN * count).length > 1) return null;
+    const regular = [...beside.values()].filter((lines) => lines >= rules.MIN_KIND_SHARE * count).reduce((sum, lines) => sum + lines, 0);
+    const least = Math.max(enough, rules.MIN_KIND_SHARE * (all.length - regular));
+    if (!count || count < least || [...alike.values()].filter((other) => other > rules.MIN_KIND_SHARE * count).length > 1) return null;
     const lines = silent.filter((line) => keyOf(line) === best);
     const rows = lines.map(({ numbers }) => numbers);
     const values = rows.map((row) => row.map(Number));

@@ -158,7 +158,7 @@ const VALUES = {
     previous: ({ renewed }) => renewed?.name ?? "",
     unit: ({ unit }) => unit,
     plane: ({ plane }) => plane,
-    is_placed: ({ covariance, surface, data: { numbers } }) => Number(Math.sqrt(covariance[20]) < numbers.PLACED * surface.radius),
+    is_placed: ({ covariance, surface, data: { numbers } }) => Number(Math.sqrt(covariance[20]) < numbers.MAX_OFFSET_SIGMA * surface.radius),
     is_skewed: isSkewed,
     z_down: ({ zDown }) => (zDown === null ? NaN : Number(zDown)),
     autocorrelation: ({ record: { lag_one: lagOne } }) => lagOne,
@@ -233,7 +233,7 @@ function tiltedErrors(fit) {
  */
 function isSkewed({ covariance, surface, data: { numbers } }) {
     const sigma = Math.sqrt(Math.max(...[6, 7, 8].map((i) => covariance[10 * i])));
-    return Number(sigma > numbers.SKEWED * surface.radius);
+    return Number(sigma > numbers.MIN_SHAPE_SIGMA * surface.radius);
 }
 
 /** @param {Fit} fit */
@@ -253,7 +253,7 @@ function mostLate(lags) {
 
 /** @param {Fit} fit */
 function isBetter({ quantities, data: { numbers } }) {
-    return Number(quantities.uncorrected_deg > numbers.NOT_BY_CHANCE * quantities.worst_deg);
+    return Number(quantities.uncorrected_deg > numbers.MIN_IMPROVEMENT_SIGMAS * quantities.worst_deg);
 }
 
 /**

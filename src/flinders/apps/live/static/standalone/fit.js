@@ -272,7 +272,7 @@ function driftOf(record, left, engine, { numbers }) {
     if (left.isAlone && !left.outliers.length) return {};
     if (record.unobserved || record.is_white || Number.isNaN(record.correlation_time)) return { drift_deg: NaN };
     if (record.sources & REFRESHED) return { drift_deg: NaN };
-    const stride = Math.max(Math.ceil(left.near.length / 3 / numbers.LOOKED_AT), 1);
+    const stride = Math.max(Math.ceil(left.near.length / 3 / numbers.MAX_DRIFT_READINGS), 1);
     const thinned = left.near.filter((_, i) => Math.floor(i / 3) % stride === 0);
     const { drift_deg, drift_offset, drift_by_chance } = engine.drift(thinned, record.centre, record.shape, record.dip_deg);
     return { drift_deg, drift_offset, drift_by_chance };

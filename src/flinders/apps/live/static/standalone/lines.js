@@ -112,8 +112,8 @@ class Language {
      */
     recogniseDialect(lines) {
         const { layout, marked: programs, json } = this.rules;
-        const tried = lines.slice(0, layout.TRIED);
-        const below = lines.slice(layout.HEADING, layout.TRIED);
+        const tried = lines.slice(0, layout.TRIED_LINES);
+        const below = lines.slice(layout.MAX_HEADING_LINES, layout.TRIED_LINES);
         if (below.length && below.every((line) => whole(layout._PLAIN, line))) return null;
         const has = (/** @type {RegExp} */ sign) => tried.some((line) => sign.test(line));
         const behind = (/** @type {string[]} */ rest) => this.recogniseDialect(rest);
@@ -152,7 +152,7 @@ class Language {
         const nameless = width === 3 ? ["x", "y", "z"] : Array.from({ length: width }, (_, i) => `${i + 1}`);
         /** @type {Dialect} */
         const rows = {
-            words: `${this.rules.layout.SPOKEN[delimiter]}-separated numbers`,
+            words: `${this.rules.layout.DELIMITER_WORDS[delimiter]}-separated numbers`,
             names: header.length ? header : nameless,
             row: (line) => {
                 if (headerText && line === headerText) return [];
@@ -192,7 +192,7 @@ class Language {
      */
     ofTable(lines, choice, every) {
         const layout = this.tables.layoutOf(lines, choice, every);
-        const separated = `${this.rules.layout.SPOKEN[layout.delimiter]}-separated`;
+        const separated = `${this.rules.layout.DELIMITER_WORDS[layout.delimiter]}-separated`;
         return this.formOf(`lines of numbers, ${separated}`, layout.columns, layout.decimal, (line) => {
             if (!line.trim() || this.prints.isComment(line) || line === layout.headerText) return undefined;
             return this.cells(line, layout);
@@ -325,7 +325,7 @@ export class LineReader {
     /** Sentence on readings without an answer of the sensor; empty while they are few. */
     get silence() {
         const silence = this.form?.silence;
-        return silence && silence.count >= this.rules.UNANSWERED ? `${silence}; such readings are left out: check its supply and its bus` : "";
+        return silence && silence.count >= this.rules.MAX_UNANSWERED ? `${silence}; such readings are left out: check its supply and its bus` : "";
     }
 
     /**
@@ -333,7 +333,7 @@ export class LineReader {
      * @returns {string}
      */
     get advice() {
-        if (this.unlike >= this.rules.UNLIKE) {
+        if (this.unlike >= this.rules.MAX_UNLIKE_LINES) {
             return `the last ${this.unlike} lines are not like the first ones: the latest is '${this.example}'; connect again`;
         }
         if (this.readings) return "";
@@ -359,7 +359,7 @@ export class LineReader {
         const lines = (this.rest + text).split(/[\r\n]+/);
         this.rest = lines.pop() ?? "";
         for (const line of lines) this.queue(line, at);
-        if (this.rest.length > this.rules.LONGEST) {
+        if (this.rest.length > this.rules.MAX_LINE_BYTES) {
             this.isDropping = true;
             this.rest = "";
         }
@@ -379,7 +379,7 @@ export class LineReader {
      * @param {number | null} at
      */
     queue(line, at) {
-        const isWhole = !this.isDropping && line.length <= this.rules.LONGEST;
+        const isWhole = !this.isDropping && line.length <= this.rules.MAX_LINE_BYTES;
         const bare = line.replace(/^[\ufeff\0]+|[\ufeff\0]+$/g, "");
         const isCut = this.isCut && isUnmarked(this.language, bare);
         this.isDropping = false;
@@ -393,7 +393,7 @@ export class LineReader {
     isEnough(at) {
         const first = this.waiting[0]?.at ?? null;
         const isLate = at !== null && first !== null && at - first >= this.rules.SETTLE_S;
-        return this.waiting.length >= this.rules.ENOUGH || isLate;
+        return this.waiting.length >= this.rules.RECOGNITION_LINES || isLate;
     }
 
     settle() {
@@ -437,7 +437,7 @@ export class LineReader {
      */
     arrival(at) {
         if (at === null) return null;
-        this.last = this.last === null ? at : Math.max(at, this.last + this.rules.STEP_S);
+        this.last = this.last === null ? at : Math.max(at, this.last + this.rules.TIME_STEP_S);
         return Number(this.last.toFixed(4));
     }
 
@@ -445,7 +445,7 @@ export class LineReader {
     note(line) {
         this.unknown++;
         this.unlike += Number(this.form !== null);
-        this.example = line.trim().slice(0, this.language.rules.tokenizer.CUT);
+        this.example = line.trim().slice(0, this.language.rules.tokenizer.SHOWN_LETTERS);
     }
 }
 
@@ -495,7 +495,7 @@ export function readLog(data, name, bytes, choice = null) {
         const reading = form.reading(line);
         if (reading) readings.push(reading);
         if (reading !== null || !line.trim()) continue;
-        example ||= `line ${place + 1}: '${line.trim().slice(0, language.rules.tokenizer.CUT)}'`;
+        example ||= `line ${place + 1}: '${line.trim().slice(0, language.rules.tokenizer.SHOWN_LETTERS)}'`;
         unknown++;
     }
     if (!readings.length) {
@@ -561,7 +561,7 @@ function linesOf({ rules }, text) {
 function belowHeader({ rules: { layout } }, lines) {
     const isMatrix = (/** @type {string} */ line) => Number(layout.MATRIX.exec(line)?.groups?.columns ?? 0) >= 3;
     if (lines.filter(isMatrix).length > 1) throw new Unreadable(`it has several matrices, one below the other: save the magnetometer's alone; ${MORE_WITH}`);
-    return lines.slice(lines.slice(0, layout.TRIED).findLastIndex((line) => whole(layout._END_OF_HEADER, line)) + 1);
+    return lines.slice(lines.slice(0, layout.TRIED_LINES).findLastIndex((line) => whole(layout._END_OF_HEADER, line)) + 1);
 }
 
 /**

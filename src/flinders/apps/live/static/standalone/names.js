@@ -27,7 +27,7 @@ export class Names {
         /** @type {Constants} */
         this.rules = rules.names;
         this.spellings = rules.units.SPELLINGS;
-        this.partedUnit = rules.units.PARTED;
+        this.partedUnit = rules.units.SEPARATE_PREFIX;
         this.units = new Set(this.rules._UNITS);
         /** @type {Map<string, Meaning>} */
         this.known = new Map();
@@ -54,14 +54,14 @@ export class Names {
      * @returns {Meaning}
      */
     parseName(name) {
-        const { _WRITTEN_HERE, _OF_MOTOR, _OTHERS, _DERIVED, CALIBRATED, FIELD, STRENGTH } = this.rules;
+        const { _WRITTEN_HERE, _MOTOR_COLUMNS, _OTHERS, _DERIVED_WORD, CALIBRATED_RANK, FIELD, STRENGTH } = this.rules;
         const folded = name.trim().toLowerCase();
         if (Object.hasOwn(_WRITTEN_HERE, folded)) {
             const [kind, axis] = _WRITTEN_HERE[folded];
             return { ...NOTHING, kind, axis };
         }
-        for (const kind of Object.keys(_OF_MOTOR)) {
-            const match = whole(_OF_MOTOR[kind], folded);
+        for (const kind of Object.keys(_MOTOR_COLUMNS)) {
+            const match = whole(_MOTOR_COLUMNS[kind], folded);
             if (match) return { ...NOTHING, kind, axis: match[1] || match[2] };
         }
         const { words, units } = this.splitName(name);
@@ -72,8 +72,8 @@ export class Names {
         if (sensor.some((word) => ahead(_OTHERS, word))) return NOTHING;
         const isJoined = sensor.length === lower.length;
         let [kind, rank] = axis ? this.vector(sensor, units, isJoined) : this.scalar(sensor, units);
-        const isDerived = [...sensor, ...units].some((word) => ahead(_DERIVED, word.toLowerCase()));
-        if (kind === FIELD && axis && isDerived) rank += CALIBRATED;
+        const isDerived = [...sensor, ...units].some((word) => ahead(_DERIVED_WORD, word.toLowerCase()));
+        if (kind === FIELD && axis && isDerived) rank += CALIBRATED_RANK;
         return { kind, axis, unit: this.unit(kind, units), rank };
     }
 
@@ -82,7 +82,7 @@ export class Names {
      * @param {number} rank
      */
     clearness(rank) {
-        return Math.floor((rank % this.rules.CALIBRATED) / 2);
+        return Math.floor((rank % this.rules.CALIBRATED_RANK) / 2);
     }
 
     /**
@@ -91,7 +91,7 @@ export class Names {
      */
     isBare(name) {
         const { kind, unit, rank } = this.meaning(name);
-        return kind === this.rules.FIELD && !unit && this.clearness(rank) >= this.rules.BARE;
+        return kind === this.rules.FIELD && !unit && this.clearness(rank) >= this.rules.BARE_CLEARNESS;
     }
 
     /**
@@ -165,12 +165,12 @@ export class Names {
      * @returns {Vector | undefined}
      */
     best(names, vectors) {
-        const { BARE, CALIBRATED } = this.rules;
+        const { BARE_CLEARNESS, CALIBRATED_RANK } = this.rules;
         const all = vectors.filter(({ isReadings }) => isReadings);
         const manner = (/** @type {Vector} */ { cells }) => this.manner(names[cells[0]]);
-        const hasSensor = all.some((vector) => vector.rank < CALIBRATED && manner(vector) === 0);
+        const hasSensor = all.some((vector) => vector.rank < CALIBRATED_RANK && manner(vector) === 0);
         const readings = all.filter((vector) => !hasSensor || vector.words.length || manner(vector) < 2);
-        const plain = readings.filter(({ rank }) => this.clearness(rank) < BARE);
+        const plain = readings.filter(({ rank }) => this.clearness(rank) < BARE_CLEARNESS);
         return largest(plain.length ? plain : readings, (vector) => this.quality(vector, manner(vector)).map((value) => -value));
     }
 
@@ -179,9 +179,9 @@ export class Names {
      * @param {string} name
      */
     manner(name) {
-        const { _SENSED, _RAW } = this.rules;
+        const { _SENSOR_WORD, _RAW } = this.rules;
         const words = this.wordsOfSensor(name);
-        if (words.some((word) => ahead(_SENSED, word) || ahead(_RAW, word) || this.isChip(word))) return 0;
+        if (words.some((word) => ahead(_SENSOR_WORD, word) || ahead(_RAW, word) || this.isChip(word))) return 0;
         return words.includes("field") ? 2 : 1;
     }
 
@@ -200,11 +200,11 @@ export class Names {
      * @param {string} name
      */
     label(name) {
-        const { _MEASURES, _COMMON, _RAW, _DERIVED, _SENSED, _LETTERS, _DEVICES } = this.rules;
+        const { _MEASURES, _COMMON, _RAW, _DERIVED_WORD, _SENSOR_WORD, _LETTERS, _DEVICES } = this.rules;
         const words = this.wordsOfSensor(name);
         const hasKind = words.some((word) => this.kindOfWord(word) || this.kindOfChip(word));
         const measured = replaceAll(_MEASURES, (match) => match.replaceAll(" ", ""), words.join(" ")).split(" ");
-        const plain = [_COMMON, _RAW, _DERIVED, _SENSED];
+        const plain = [_COMMON, _RAW, _DERIVED_WORD, _SENSOR_WORD];
         const apart = measured.filter((word) => word && (this.isChip(word) || !plain.some((pattern) => ahead(pattern, word))));
         const own = apart.filter((word) => hasKind || !(word in _LETTERS));
         return own.length ? own : words.filter((word) => _DEVICES.includes(word));
@@ -230,7 +230,7 @@ export class Names {
      * @param {string} word
      */
     tellsReadingsApart(word) {
-        return Boolean(this.tellsApart(word) || ahead(this.rules._RAW, word) || ahead(this.rules._DERIVED, word));
+        return Boolean(this.tellsApart(word) || ahead(this.rules._RAW, word) || ahead(this.rules._DERIVED_WORD, word));
     }
 
     /**
@@ -239,8 +239,8 @@ export class Names {
      */
     isNoReadings(name) {
         const words = this.wordsOfSensor(name);
-        const isDirection = words.includes("unit") && words.every((word) => ahead(this.rules._OF_A_DIRECTION, word));
-        const isOther = words.some((word) => Object.hasOwn(this.rules._NO_READINGS, word));
+        const isDirection = words.includes("unit") && words.every((word) => ahead(this.rules._DIRECTION_WORDS, word));
+        const isOther = words.some((word) => Object.hasOwn(this.rules._DERIVED_KINDS, word));
         return isDirection || isOther || words.join(" ").includes("main field");
     }
 
@@ -250,13 +250,13 @@ export class Names {
      * @param {string} axis
      */
     sensorName(name, axis) {
-        const { _BRACKET, _PIECES, _RAW, _DERIVED, _UNITS_OF_AXES } = this.rules;
+        const { _BRACKET, _PIECES, _RAW, _DERIVED_WORD, _UNITS_OF_AXES } = this.rules;
         const bare = replaceAll(_BRACKET, "", name.trim());
         const place = placeOfAxis(bare.toLowerCase(), axis);
         let own = "";
         every(_PIECES, bare.slice(0, place) + bare.slice(place + 1)).forEach(([, between, piece], number) => {
             const folded = piece.toLowerCase();
-            const isCommon = (number && _UNITS_OF_AXES.includes(folded)) || ahead(_RAW, folded) || ahead(_DERIVED, folded);
+            const isCommon = (number && _UNITS_OF_AXES.includes(folded)) || ahead(_RAW, folded) || ahead(_DERIVED_WORD, folded);
             if (!isCommon) own += (between && " _.-".includes(between.slice(-1)) ? between.slice(-1) : "_") + piece;
         });
         return stripStart(own, " _.-");
@@ -267,12 +267,12 @@ export class Names {
      * @param {string} name
      */
     splitName(name) {
-        const { _IN_BRACKETS, _SEPARATORS, _CHIP, _PARTS, _GLUED, FACTORS, TIME } = this.rules;
+        const { _BRACKETED_UNIT, _SEPARATORS, _CHIP, _PARTS, _JOINED_WORDS, FACTORS, TIME } = this.rules;
         const times = FACTORS[TIME];
         /** @type {string[]} */
         const units = [];
         name = this.withUnitTogether(name);
-        const inside = _IN_BRACKETS.exec(name);
+        const inside = _BRACKETED_UNIT.exec(name);
         if (inside && !DIGITS.test(inside[1].trim())) {
             units.push(inside[1].trim());
             name = name.slice(0, inside.index);
@@ -293,7 +293,7 @@ export class Names {
                 units.push(parts.splice(-2).join(""));
             }
             for (const part of parts) {
-                const glued = whole(_GLUED, part.toLowerCase());
+                const glued = whole(_JOINED_WORDS, part.toLowerCase());
                 words.push(...(glued ? glued.slice(1) : [part]).filter(Boolean));
             }
         }
@@ -305,7 +305,7 @@ export class Names {
      * @param {string} name
      */
     withUnitTogether(name) {
-        return replaceAll(this.rules._BEGUN, "", replaceAll(this.rules._IN, "", replaceAll(this.partedUnit, "$1", name)));
+        return replaceAll(this.rules._ELAPSED, "", replaceAll(this.rules._IN, "", replaceAll(this.partedUnit, "$1", name)));
     }
 
     /** @param {string} name */
@@ -320,11 +320,11 @@ export class Names {
      * @param {string[]} words
      */
     withoutAxis(words) {
-        const { _ATTACHED, _AXIS_BEFORE } = this.rules;
+        const { _ATTACHED_AXIS, _AXIS_BEFORE } = this.rules;
         const letters = words.filter((word) => ["x", "y", "z"].includes(word));
         if (letters.length === 1) return { sensor: words.filter((word) => word !== letters[0]), axis: letters[0] };
         for (const [place, word] of words.entries()) {
-            const attached = whole(_ATTACHED, word);
+            const attached = whole(_ATTACHED_AXIS, word);
             if (attached) return { sensor: words.with(place, attached[1]), axis: attached[2] };
             const before = whole(_AXIS_BEFORE, word);
             if (before) return { sensor: words.with(place, before[2]), axis: before[1] };
@@ -343,18 +343,18 @@ export class Names {
      * @returns {[string, number]}
      */
     vector(words, units, isJoined) {
-        const { _RAW, _CALIBRATED, _COMMON, _LETTERS, _LETTERS_OF_A_DEVICE, _SENSED, _MEASURED, _NO_READINGS } = this.rules;
+        const { _RAW, _CALIBRATION_WORD, _COMMON, _LETTERS, _LETTERS_OF_A_DEVICE, _SENSOR_WORD, _MEASUREMENT_WORDS, _DERIVED_KINDS } = this.rules;
         const { ACCELERATION, FIELD } = this.rules;
         const raw = words.some((word) => ahead(_RAW, word)) ? 0 : 1;
         const names = words.filter((word) => !DIGITS.test(word));
         const named = names.map((word) => this.kindOfWord(word)).filter(Boolean);
         const kinds = named.length ? named : names.map((word) => this.kindOfChip(word)).filter(Boolean);
         if (kinds.length) return [kinds[0], raw + (kinds[0] === ACCELERATION && words.includes("linear") ? 5 : 0)];
-        const isAside = (/** @type {string} */ word) => ahead(_SENSED, word) || Object.hasOwn(_NO_READINGS, word);
+        const isAside = (/** @type {string} */ word) => ahead(_SENSOR_WORD, word) || Object.hasOwn(_DERIVED_KINDS, word);
         const isPlain = (/** @type {string} */ word) => word === "axis" || isAside(word);
-        const bare = names.filter((word) => !ahead(_RAW, word) && !ahead(_CALIBRATED, word) && !isPlain(word));
+        const bare = names.filter((word) => !ahead(_RAW, word) && !ahead(_CALIBRATION_WORD, word) && !isPlain(word));
         const aside = names.filter(isAside);
-        const isMeasured = aside.every((word) => _MEASURED.split("|").includes(word));
+        const isMeasured = aside.every((word) => _MEASUREMENT_WORDS.split("|").includes(word));
         if (aside.length && !bare.length) return isMeasured ? [FIELD, raw + 2] : ["", 0];
         const own = bare.filter((word) => !this.tellsApart(word) && !ahead(_COMMON, word));
         const isLetter = own.length === 1 && [..._LETTERS_OF_A_DEVICE].includes(own[0]);
@@ -394,13 +394,13 @@ export class Names {
      * @returns {[string, number]}
      */
     scalar(words, units) {
-        const { FACTORS, TEMPERATURE, CURRENT, TIME, _NO_TIMES, _TIMES } = this.rules;
+        const { FACTORS, TEMPERATURE, CURRENT, TIME, _NON_TIME_WORD, _TIMES } = this.rules;
         const all = words.join(" ");
         const isWarm = all === "t" && units.some((unit) => unit.toLowerCase() in FACTORS[TEMPERATURE]);
         if (isWarm || (all !== "temps" && words.some((word) => /^(temp|tmp)/.test(word)))) return [TEMPERATURE, 0];
         if (words.some((word) => ["curr", "current", "amps", "amp", "ampere"].includes(word))) return [CURRENT, 0];
         const isOfWeek = words.includes("tow") || (words.includes("time") && words.includes("week"));
-        if (words.some((word) => ahead(_NO_TIMES, word)) && !isOfWeek) return ["", 0];
+        if (words.some((word) => ahead(_NON_TIME_WORD, word)) && !isOfWeek) return ["", 0];
         const isTimed = isOfWeek || words.some((word) => ahead(_TIMES, word));
         const isAlone = !words.length && units.every((unit) => unit.toLowerCase() in FACTORS[TIME]);
         const isTime = isTimed || isAlone || (units.length > 0 && words.includes("elapsed"));

@@ -76,11 +76,11 @@ export class Prints {
      * @returns {Cut}
      */
     cut(line) {
-        const { _COLOURS, _CHECK_SUM, _TELEPLOT, _NUMBERED, _REMARKED, _DIGITS, MOMENT, _LOOSE_SIGN, _CUT } = this.rules;
+        const { _COLOURS, _CHECK_SUM, _TELEPLOT, _SENSOR_NUMBER, _REMARK_AFTER_LABEL, _DIGITS, MOMENT, _LOOSE_SIGN, _CUT } = this.rules;
         if (line.startsWith("$")) line = replaceAll(_CHECK_SUM, "", line);
         line = replaceAll(_TELEPLOT, "$1", replaceAll(_COLOURS, "", line));
-        line = replaceAll(_NUMBERED, "$1$2", replaceAll(MOMENT, " ", this.splitColumns(line)));
-        line = replaceAll(_REMARKED, (remark) => replaceAll(_DIGITS, "#", remark), line);
+        line = replaceAll(_SENSOR_NUMBER, "$1$2", replaceAll(MOMENT, " ", this.splitColumns(line)));
+        line = replaceAll(_REMARK_AFTER_LABEL, (remark) => replaceAll(_DIGITS, "#", remark), line);
         const pieces = (line.includes("- ") ? replaceAll(_LOOSE_SIGN, " -", line) : line).split(_CUT);
         return {
             numbers: pieces.filter((_, i) => i % 2).map((number) => this.decimal(number)),
@@ -108,7 +108,7 @@ export class Prints {
      */
     splitColumns(text) {
         if (!text.includes("-")) return text;
-        return replaceAll(this.rules.GLUED, (match) => match[0] + match.slice(1).replaceAll("-", " -"), text);
+        return replaceAll(this.rules.JOINED_DECIMALS, (match) => match[0] + match.slice(1).replaceAll("-", " -"), text);
     }
 
     /**
@@ -174,7 +174,7 @@ export class Prints {
      * @param {string} gap
      */
     unitAndLabel(gap) {
-        const text = stripStart(gap, this.rules._BEHIND);
+        const text = stripStart(gap, this.rules._CLOSING_SIGNS);
         const unit = ahead(this.rules._UNIT_AHEAD, text);
         return unit ? { unit: unit[1], label: this.label(text.slice(unit[0].length)) } : { unit: "", label: this.label(text) };
     }
@@ -184,12 +184,12 @@ export class Prints {
      * @param {string} gap
      */
     label(gap) {
-        const { _REMARK, _SENSOR_AND_UNIT, _UNIT_INSIDE, _BETWEEN, _BEFORE, _BRACKET, _EDGE, _LEVEL } = this.rules;
-        const bare = stripEnd(replaceAll(_LEVEL, "", gap), _BEFORE);
+        const { _REMARK, _SENSOR_AND_UNIT, _UNIT_INSIDE, _LABEL_SEPARATORS, _SIGNS_BEFORE_NUMBER, _BRACKET, _EDGE, _LEVEL } = this.rules;
+        const bare = stripEnd(replaceAll(_LEVEL, "", gap), _SIGNS_BEFORE_NUMBER);
         const whole = replaceAll(_SENSOR_AND_UNIT, " $1 ($2)", replaceAll(_REMARK, "", bare));
         const inside = _UNIT_INSIDE.exec(whole);
         const text = inside ? whole : replaceAll(_BRACKET, (_, remark) => this.remark(remark), whole);
-        const words = stripLetters(replaceAll(_BETWEEN, " ", stripLetters(replaceAll(_UNIT_INSIDE, " ", text), _EDGE)), _EDGE);
+        const words = stripLetters(replaceAll(_LABEL_SEPARATORS, " ", stripLetters(replaceAll(_UNIT_INSIDE, " ", text), _EDGE)), _EDGE);
         return inside ? `${words} (${inside[1]})`.trimStart() : words;
     }
 
@@ -218,7 +218,7 @@ export class Prints {
      * @returns {{names: string[], sensor: string}}
      */
     axes(label, count, sensor) {
-        const { _XYZ, _EDGE, QUANTITY, _AXIS, _AXIS_AHEAD, _FILLING } = this.rules;
+        const { _XYZ, _EDGE, QUANTITY, _AXIS, _AXIS_AHEAD, _MEANINGLESS } = this.rules;
         const bare = stripLetters(replaceAll(_XYZ, "", label), _EDGE);
         if (count === 3 && (label || sensor)) {
             const named = QUANTITY.test(bare) ? bare : bare ? this.knownWords(bare, " x") : "";
@@ -230,7 +230,7 @@ export class Prints {
         }
         const before = whole(_AXIS_AHEAD, label);
         if (before && (before[2] || !before[3])) {
-            const words = replaceAll(_FILLING, " ", `${before[2] ?? ""} ${before[3]}`).split(/\s+/).filter(Boolean);
+            const words = replaceAll(_MEANINGLESS, " ", `${before[2] ?? ""} ${before[3]}`).split(/\s+/).filter(Boolean);
             label = [...words, before[1]].join(" ");
             if (before[2]?.toLowerCase() === "norm") return { names: [label], sensor };
         }
@@ -249,7 +249,7 @@ export class Prints {
      */
     knownWords(label, ending = "", otherwise) {
         const words = label.split(/\s+/).filter(Boolean);
-        const few = Math.min(this.rules._WORDS, words.length - 1);
+        const few = Math.min(this.rules._MAX_WORDS, words.length - 1);
         const counts = [words.length, ...Array.from({ length: Math.max(few, 0) }, (_, i) => few - i)];
         for (const count of counts) {
             const some = words.slice(words.length - count).join(" ");

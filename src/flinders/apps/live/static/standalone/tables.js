@@ -107,14 +107,14 @@ export class Tables {
     layoutOf(texts, choice = null, every = texts) {
         const lines = texts.flatMap((text, place) => (text.trim() && !this.prints.isComment(text) ? [{ text, place }] : []));
         if (!lines.length) throw new Unreadable("it holds no lines of numbers: need one reading a line");
-        for (const some of [lines.slice(0, this.layout.TRIED), lines]) {
+        for (const some of [lines.slice(0, this.layout.TRIED_LINES), lines]) {
             const cuts = this.signsOf(some).map((signs) => this.cutAt(some, signs));
             const best = largest(cuts, ({ rows, numbers }) => [rows.size, numbers]);
             if (best?.rows.size) return this.table(texts, best, choice, every);
         }
         const isHeader = (/** @type {string} */ text) =>
             this.signs.some(([sign]) => this.names.magnetometer(this.prints.split(text, sign)));
-        if (lines.slice(0, this.layout.MOST_ABOVE).some(({ text }) => isHeader(text))) throw new Unreadable(`it has a header and no readings below it: record again, or check what was saved; ${MORE_WITH}`);
+        if (lines.slice(0, this.layout.MAX_LINES_ABOVE).some(({ text }) => isHeader(text))) throw new Unreadable(`it has a header and no readings below it: record again, or check what was saved; ${MORE_WITH}`);
         const [{ place, text }] = lines;
         throw new Unreadable(
             `no readings are recognised (line ${place + 1}: '${text.trim().slice(0, 60)}'): need three columns of numbers, ` +
@@ -128,7 +128,7 @@ export class Tables {
      */
     isTable(texts) {
         try {
-            const { header, delimiter } = this.layoutOf(texts.slice(0, this.layout.TRIED));
+            const { header, delimiter } = this.layoutOf(texts.slice(0, this.layout.TRIED_LINES));
             return header.length > 0 && delimiter !== this.rules.tokenizer.SPACES;
         } catch (error) {
             if (error instanceof Unreadable) return error instanceof Several || (error instanceof Unclear && error.names.length > 0);
@@ -179,7 +179,7 @@ export class Tables {
         const widths = countKeys([...rows.values()].map((cells) => cells.length));
         let width = /** @type {number} */ (largest([...widths.keys()], (each) => [widths.get(each) ?? 0]));
         const often = widths.get(width) ?? 0;
-        if (width > this.layout.MOST_COLUMNS) {
+        if (width > this.layout.MAX_COLUMNS) {
             throw new Unreadable(`it has ${width} columns: cut the magnetometer's out, with its time`);
         }
         const alike = [...rows.values()].filter((cells) => cells.length === width);
@@ -194,7 +194,7 @@ export class Tables {
         const columns = this.columns(names, cut, decimal, choice, { units, only });
         this.refuseSeveral(names, () => every.map((text) => this.prints.split(text, delimiter)), only);
         this.refuseThousands(alike, columns, decimal);
-        const isEven = names.length > 0 || often >= this.layout.SAME_WIDTH * rows.size;
+        const isEven = names.length > 0 || often >= this.layout.MIN_SAME_WIDTH_SHARE * rows.size;
         const headerText = place < 0 ? "" : texts[place];
         return { delimiter, decimal, width: isEven ? width : 0, header: names, headerText, columns };
     }
@@ -205,7 +205,7 @@ export class Tables {
      * @param {string} decimal
      */
     numbersOf(rows, decimal) {
-        const some = rows.slice(0, this.layout.SAMPLED);
+        const some = rows.slice(0, this.layout.SAMPLED_ROWS);
         const values = some.map((cells) => cells.map((cell) => this.prints.number(cell, decimal) ?? NaN));
         const isText = (/** @type {number} */ place) =>
             values.filter((row) => Number.isFinite(row[place])).length < 0.5 * values.length;
@@ -337,16 +337,16 @@ export class Tables {
             return units[place] && !own.unit ? this.names.meaning(`${name} (${units[place]})`) : own;
         });
         const { TIME } = this.rules.names;
-        const { LAST } = this.rules.columns;
+        const { UNNAMED_TIME_RANK } = this.rules.columns;
         for (const { cell } of clocks) {
             const { kind, rank } = meanings[cell];
-            meanings[cell] = { kind: TIME, axis: "", unit: "s", rank: kind === TIME ? rank + 2 : LAST };
+            meanings[cell] = { kind: TIME, axis: "", unit: "s", rank: kind === TIME ? rank + 2 : UNNAMED_TIME_RANK };
         }
         const isOpen = (/** @type {number} */ place) => !meanings[place].kind || this.names.isBare(names[place]);
         const isAbscissa = meanings.flatMap(({ axis }, place) => (axis && isOpen(place) ? [axis] : [])).join(" ") === "x";
         const isUnnamed = (/** @type {number} */ place) => isOpen(place) && (!names[place].trim() || (isAbscissa && meanings[place].axis));
         const unnamed = names.findIndex((_, place) => isUnnamed(place) && isClock(values.map((row) => row[place])));
-        if (unnamed >= 0) meanings[unnamed] = { kind: TIME, axis: "", unit: "", rank: LAST };
+        if (unnamed >= 0) meanings[unnamed] = { kind: TIME, axis: "", unit: "", rank: UNNAMED_TIME_RANK };
         return meanings;
     }
 
@@ -439,12 +439,12 @@ export class Tables {
      * @param {number[]} column
      */
     isCut(column) {
-        const { COARSE } = this.rules.columns;
+        const { MIN_READINGS_PER_TIME } = this.rules.columns;
         const values = column.filter(Number.isFinite);
         const changes = values.flatMap((value, i) => (i > 0 && value !== values[i - 1] ? [i] : []));
         const lengths = [0, ...changes].map((change, i) => (changes[i] ?? values.length) - change);
         const inside = lengths.length > 2 ? lengths.slice(1, -1) : lengths;
-        return values.length >= 2 * COARSE && median(inside) >= COARSE;
+        return values.length >= 2 * MIN_READINGS_PER_TIME && median(inside) >= MIN_READINGS_PER_TIME;
     }
 
     /**
@@ -458,7 +458,7 @@ export class Tables {
         const times = values.map((row) => row[cell]).filter(Number.isFinite);
         const factor = unit ? FACTORS[TIME][unit] : this.secondsInOne(times);
         const first = times[0] ?? 0;
-        return { cell, name, factor, start: Math.abs(first) * factor > this.rules.columns.LONG ? first : 0, fraction: null, clock: null };
+        return { cell, name, factor, start: Math.abs(first) * factor > this.rules.columns.MIN_EPOCH_S ? first : 0, fraction: null, clock: null };
     }
 
     /**
@@ -484,7 +484,7 @@ export class Tables {
         const folded = names.map((name) => name.trim().toLowerCase());
         const hasCovariance = names.some((name) => name.startsWith("magnetic_field_covariance"));
         const isPrinted = first.toLowerCase() === "magnetic_field x" && hasCovariance;
-        const isOfRos = this.rules.columns.OF_ROS.some((/** @type {string} */ end) => first.toLowerCase().endsWith(end));
+        const isOfRos = this.rules.columns.ROS_ENDINGS.some((/** @type {string} */ end) => first.toLowerCase().endsWith(end));
         if (isPrinted || isOfRos) return "T";
         return ["seconds_elapsed", "x", "y", "z"].every((name) => folded.includes(name)) ? "uT" : "";
     }
@@ -512,9 +512,9 @@ export class Tables {
     refusePulses(names) {
         const trimmed = names.map((name) => name.trim());
         const folded = trimmed.map((name) => name.toLowerCase());
-        const afterSet = trimmed.filter((name) => this.rules.names.SET.test(name));
+        const afterSet = trimmed.filter((name) => this.rules.names.SET_WORD.test(name));
         const reset = (/** @type {string} */ word) => word.replace(/set/i, "reset");
-        const afterReset = afterSet.map((name) => replaceAll(this.rules.names.SET, reset, name).toLowerCase());
+        const afterReset = afterSet.map((name) => replaceAll(this.rules.names.SET_WORD, reset, name).toLowerCase());
         if (afterReset.some((name) => folded.includes(name))) {
             throw new Unreadable("it has readings after set and after reset pulses: `flinders calibrate` takes both");
         }
@@ -527,11 +527,11 @@ export class Tables {
      * @param {string} unit
      */
     unitInColumn(names, rows, unit) {
-        const { COUNTS, PARTED, SPELLINGS } = this.rules.units;
+        const { COUNTS, SEPARATE_PREFIX, SPELLINGS } = this.rules.units;
         const place = names.findIndex((name) => whole(this.layout._UNITS, name.trim()));
         const [word, ...others] = new Set(place < 0 ? [] : rows.map((row) => row[place].trim()));
         if (unit !== COUNTS || !word || others.length || this.layout._OTHER_UNITS.includes(word)) return unit;
-        return SPELLINGS[replaceAll(PARTED, "$1", word).toLowerCase()] ?? unit;
+        return SPELLINGS[replaceAll(SEPARATE_PREFIX, "$1", word).toLowerCase()] ?? unit;
     }
 
     /**
@@ -560,9 +560,9 @@ export class Tables {
     namesDevice(name) {
         const words = this.names.splitName(name).words.map((word) => word.toLowerCase());
         const { kind, axis } = this.names.meaning(name);
-        const { _OTHER, _DEVICE, _SENSOR } = this.rules.devices;
+        const { _OTHER_MEANINGS, _DEVICE, _SENSOR } = this.rules.devices;
         const isUnit = whole(this.layout._UNITS, name.trim());
-        return !kind && !axis && !isUnit && words.some((word) => whole(_DEVICE, word) || whole(_SENSOR, word)) && !words.some((word) => whole(_OTHER, word));
+        return !kind && !axis && !isUnit && words.some((word) => whole(_DEVICE, word) || whole(_SENSOR, word)) && !words.some((word) => whole(_OTHER_MEANINGS, word));
     }
 
     /**
@@ -571,9 +571,9 @@ export class Tables {
      * @returns {Sensor | null}
      */
     sensorOf(rows) {
-        const { MAX_SENSORS, LEAST_LETTERS } = this.rules.devices;
+        const { MAX_SENSORS, MIN_LETTERS } = this.rules.devices;
         const { FIELD } = this.rules.names;
-        const isText = (/** @type {string} */ word) => word.length >= LEAST_LETTERS && this.prints.number(word) === null;
+        const isText = (/** @type {string} */ word) => word.length >= MIN_LETTERS && this.prints.number(word) === null;
         for (let cell = 0; cell < (rows[0]?.length ?? 0); cell++) {
             const words = [...new Set(rows.map((row) => this.wordOf(row[cell])))].filter(isText);
             if (!words.length || words.length > MAX_SENSORS) continue;
@@ -612,7 +612,7 @@ export class Tables {
         const grouped = cells.filter((cell) => cell.includes(decimal));
         const plain = cells.flatMap((cell) => (cell.includes(decimal) ? [] : [Math.abs(this.prints.number(cell) ?? 0)]));
         const most = Math.max(0, ...plain.filter(Number.isFinite));
-        if (grouped.length >= 3 && most >= 100 && most < 1000 && grouped.every((cell) => whole(this.layout._GROUPED, cell))) {
+        if (grouped.length >= 3 && most >= 100 && most < 1000 && grouped.every((cell) => whole(this.layout._GROUPED_NUMBER, cell))) {
             const what = `numbers such as '${grouped[0]}' have '${decimal}' between thousands, it seems`;
             throw new Unreadable(`${what}: save it without a separator of thousands`);
         }
