@@ -471,7 +471,9 @@ def test_the_folder_says_what_it_is(folder: Path) -> None:
     worker = (folder / "sw.js").read_text(encoding="utf-8")
     listed = json.loads(worker.partition("const PAGE = ")[2].partition(";\n")[0])
     present = {path.relative_to(folder).as_posix() for path in folder.rglob("*.*") if path.is_file()}
-    assert {*listed["files"], listed["scene"]} - {"./"} == present - {"index.html", "sw.js"}
+    loaded_on_demand = {name for name in present if name.startswith(listed["kept"])}
+    assert loaded_on_demand == {f"languages/{code}.json" for code in ("de", "el")}
+    assert {*listed["files"], listed["scene"]} - {"./"} == present - {"index.html", "sw.js"} - loaded_on_demand
 
 
 @pytest.mark.tools

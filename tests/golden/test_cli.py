@@ -42,6 +42,25 @@ def test_a_limited_calibration(golden: Golden) -> None:
     golden("cli/limited.txt", session("flinders calibrate deck.csv -o calibration.json", code=3))
 
 
+def test_a_limited_calibration_in_german(golden: Golden) -> None:
+    record("deck.csv", "swayed")
+    line = "flinders --language de calibrate deck.csv -o calibration.json"
+    golden("cli/limited-de.txt", session(line, code=3))
+
+
+def test_json_stays_english_and_the_language_of_the_system_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    record("deck.csv", "swayed")
+    line = "flinders calibrate deck.csv --json"
+    before = session(line, code=3)
+    monkeypatch.setenv("FLINDERS_LANGUAGE", "de")
+    assert session(line, code=3) == before
+    monkeypatch.delenv("FLINDERS_LANGUAGE")
+    monkeypatch.setenv("LANG", "de_DE.UTF-8")
+    assert "LIMITED" in session("flinders calibrate deck.csv", code=3)
+    monkeypatch.setenv("FLINDERS_LANGUAGE", "el")
+    assert "ΠΕΡΙΟΡΙΣΜΕΝΗ" in session("flinders calibrate deck.csv", code=3)
+
+
 def test_a_report_in_plain_words(golden: Golden) -> None:
     record("deck.csv", "swayed")
     shown = session("flinders calibrate deck.csv -o calibration.json --report-text -", code=3)

@@ -17,7 +17,7 @@ from flinders.errors import figures
 from flinders.findings import CATALOGUE
 
 STATIC = files("flinders.apps.live").joinpath("static")
-MODULES = ("views/words.js", "store.js", "finish.js")
+MODULES = ("language.js", "views/words.js", "store.js", "verdict_words.js", "finish.js")
 MISSES = "Misses the target"
 LEVEL = [{"code": "level-plane", "severity": "limits"}, {"code": "rotation-unknown", "severity": "note"}]
 NOISY = {"code": "noise", "severity": "limits"}

@@ -11,7 +11,8 @@ try:
     import click
 
     from flinders.cli._commands import ROWS, Commands
-    from flinders.cli._program import EXIT_CODES, Program, show_versions
+    from flinders.cli._program import EXIT_CODES, Program, show_versions, use_language
+    from flinders.core.language import LANGUAGES
 
     main = Program(
         name="flinders",
@@ -31,6 +32,14 @@ try:
         expose_value=False,
         callback=show_versions,
         help="Show the version, and those of Python, NumPy, the engine and optional packages.",
+    )(main)
+    main = click.option(
+        "--language",
+        type=click.Choice(LANGUAGES),
+        envvar="FLINDERS_LANGUAGE",
+        expose_value=False,
+        callback=use_language,
+        help="Language of verdicts in the terminal; or set FLINDERS_LANGUAGE. JSON, files and codes stay English.",
     )(main)
 except (KeyboardInterrupt, RuntimeError) as error:  # an exception in a class body has the interrupt as its cause
     if not isinstance(error.__cause__ or error, KeyboardInterrupt):

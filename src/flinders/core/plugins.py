@@ -87,7 +87,7 @@ def other_contents(path: str) -> OtherContents | None:
     >>> other_contents("no such file.csv")
     """
     for module in app_modules("CONTENTS").values():
-        found: OtherContents | None = import_module(module).recognised(path)
+        found: OtherContents | None = import_module(module).contents_of(path)
         if found is not None:
             return found
     return None

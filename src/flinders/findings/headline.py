@@ -11,11 +11,14 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Final, NamedTuple
 
+from flinders.core.language import ENGLISH
 from flinders.errors import figures
+from flinders.findings import translation
 from flinders.findings.catalogue import CATALOGUE
 from flinders.findings.words import ANY_ANGLE_DEG, UPSIDE_DOWN, as_sentence
 
 if TYPE_CHECKING:
+    from flinders.core.language import Language
     from flinders.findings.finding import Finding
     from flinders.verdicts import Verdict
 
@@ -39,6 +42,9 @@ REACHES: Final = (
     (math.inf, "at any attitude", ""),
 )
 """Ranges of tilt in degrees for which headings are good: upper end, words for the range, and words beyond it."""
+
+REACH_NAMES: Final = ("level", "tilt", "any")
+"""Names of `REACHES` in keys of other languages."""
 
 SMALL_ERROR_DEG: Final = 0.2
 """Heading error in degrees below which a good verdict adds its caveat."""
@@ -67,7 +73,9 @@ class Claimed(NamedTuple):
 NO_CLAIM: Final = Claimed(math.nan, math.nan, math.nan)
 
 
-def headline(verdict: Verdict, cause: Finding | None, claimed: Claimed, limit_deg: float) -> Headline:
+def headline(
+    verdict: Verdict, cause: Finding | None, claimed: Claimed, limit_deg: float, language: Language = ENGLISH
+) -> Headline:
     """Make the first sentence of a verdict.
 
     Parameters
@@ -77,23 +85,35 @@ def headline(verdict: Verdict, cause: Finding | None, claimed: Claimed, limit_de
         findings, such as an imported one.
     limit_deg : float
         Tilt in degrees up to which headings are within the target.
+    language : Language
+        English by default, as in JSON and in files.
     """
     cause = None if verdict == "good" else cause
+    if cause is not None and not translation.is_known(cause, language):
+        language = ENGLISH
     kind = _kind(verdict, cause, claimed)
     if kind == "attitudes" and limit_deg >= UPSIDE_DOWN:
         kind = "directions"
-    reach, beyond = reach_words(limit_deg)
-    why, remedy = (UNSTATED_REASON, "") if cause is None else (cause.in_a_sentence, cause.remedy)
-    lead = LEADS[kind].format(
-        error=error_words(claimed),
-        target=f"{claimed.target_deg:g}°",
+    reach, beyond = reach_words(limit_deg, language)
+    why, remedy = _why(cause, language), "" if cause is None else translation.remedy(cause, language)
+    lead = (language.translation(f"lead.{kind}") or LEADS[kind]).format(
+        error=error_words(claimed, language),
+        target=f"{language.numeral(f'{claimed.target_deg:g}')}°",
         reach=reach,
         beyond=beyond,
-        why=f"{why[:1].lower()}{why[1:]}",
+        why=why,
     )
     is_small = kind == "good" and claimed.worst_deg < SMALL_ERROR_DEG
-    said = (as_sentence(lead), remedy, CAVEAT if is_small else "")
+    said = (as_sentence(lead), remedy, language.phrase("verdict.left-out", CAVEAT) if is_small else "")
     return Headline(" ".join(filter(None, said)), "" if cause is None else cause.code)
+
+
+def _why(cause: Finding | None, language: Language) -> str:
+    """The cause within a sentence; one in another language keeps its capital, as nouns may have one."""
+    if cause is None:
+        return language.phrase("verdict.unstated", UNSTATED_REASON)
+    why = translation.sentence(cause, language)
+    return f"{why[:1].lower()}{why[1:]}" if language == ENGLISH else why
 
 
 def _kind(verdict: Verdict, cause: Finding | None, claimed: Claimed) -> str:
@@ -119,7 +139,7 @@ def _refused_kind(affects: str, claimed: Claimed) -> str:
     return "refused-error" if claimed.worst_deg < ANY_ANGLE_DEG else "refused-unknown"
 
 
-def error_words(claimed: Claimed) -> str:
+def error_words(claimed: Claimed, language: Language = ENGLISH) -> str:
     """The worst heading error, 1 σ, and its bound; with enough digits to differ from the target.
 
     >>> error_words(Claimed(0.32, 0.71, 1.0)), error_words(Claimed(1.013, 2.5, 1.0))
@@ -127,13 +147,17 @@ def error_words(claimed: Claimed) -> str:
     """
     worst_deg, bound_deg, target_deg = claimed
     if not worst_deg < ANY_ANGLE_DEG:
-        return "any angle"
+        return translation.angle(worst_deg, language)
     digits = next((n for n in (2, 3, 4) if figures(worst_deg, n) != figures(target_deg, n)), 2)
-    bound = f"95 % within {figures(bound_deg)}°" if bound_deg < ANY_ANGLE_DEG else "1 σ"
-    return f"{figures(worst_deg, digits)}° ({bound})"
+    is_bounded = bound_deg < ANY_ANGLE_DEG
+    words = language.phrase("error.bound", "95 % within {bound}°", bound=language.numeral(figures(bound_deg)))
+    return f"{language.numeral(figures(worst_deg, digits))}° ({words if is_bounded else '1 σ'})"
 
 
-def reach_words(limit_deg: float) -> tuple[str, str]:
+def reach_words(limit_deg: float, language: Language = ENGLISH) -> tuple[str, str]:
     """Words for attitudes within the target, and for the others; level attitudes only if the tilt is NaN."""
-    _, reach, beyond = next((row for row in REACHES if limit_deg < row[0]), REACHES[0])
-    return reach.format(limit=limit_deg), beyond
+    place = next((place for place, row in enumerate(REACHES) if limit_deg < row[0]), 0)
+    _, reach, beyond = REACHES[place]
+    name = REACH_NAMES[place]
+    said = language.translation(f"reach.{name}") or reach
+    return said.format(limit=limit_deg), language.phrase(f"beyond.{name}", beyond) if beyond else ""

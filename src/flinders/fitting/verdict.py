@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 
 from flinders.core.disturbance import kind_and_motor, kind_of
+from flinders.core.language import ENGLISH
 from flinders.core.units import unit_label
 from flinders.findings import Finding, Record, by_severity, findings_in, first_causes, limit_of
 from flinders.findings.catalogue import (
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
 
     from flinders.core.calibration import Calibration
     from flinders.core.disturbance import Disturbance
+    from flinders.core.language import Language
     from flinders.diagnostics.repeatability import Repeats
     from flinders.estimators.regressors import DisturbanceEstimate
     from flinders.findings import Condition, Severity
@@ -91,7 +93,7 @@ def with_findings(result: Fit, judgement: Records, statistics: Statistics) -> Fi
     return replace(result, judgement=Judgement(findings, () if is_refused else _conditions(judgement)))
 
 
-def headline_of(fit: Fit, limit_deg: float | None = None) -> Headline:
+def headline_of(fit: Fit, limit_deg: float | None = None, language: Language = ENGLISH) -> Headline:
     """The first sentence of the verdict on a fit.
 
     `limit_deg` is the tilt up to which headings meet the target, if known already.
@@ -103,9 +105,9 @@ def headline_of(fit: Fit, limit_deg: float | None = None) -> Headline:
     """
     cause = next(iter(first_causes(fit.findings)), None)
     if fit.judgement.is_flat:
-        return headline(fit.verdict, cause, NO_CLAIM, 0.0)
+        return headline(fit.verdict, cause, NO_CLAIM, 0.0, language)
     limit = fit.claim.attitude_limit_deg if limit_deg is None else limit_deg
-    return headline(fit.verdict, cause, fit.claim.headline_numbers, limit)
+    return headline(fit.verdict, cause, fit.claim.headline_numbers, limit, language)
 
 
 def judged_quantities(judgement: Records) -> dict[str, float]:

@@ -10,12 +10,12 @@ from rich.console import Group
 from rich.table import Column
 from rich.text import Text
 
+from flinders.core.language import OF_TERMINAL
 from flinders.core.units import unit_label
 from flinders.errors import FitError, count_text, figures, python_arguments
 from flinders.estimators.minmax import MinMax
-from flinders.findings import advice, first_causes, limit_of
+from flinders.findings import advice, first_causes, limit_of, translation
 from flinders.fitting.axis_extremes import Extremes
-from flinders.fitting.claim import dip_words
 from flinders.fitting.result import Fit, fit_of
 from flinders.fitting.verdict import headline_of, is_improvement
 from flinders.report.formatting import (
@@ -197,18 +197,23 @@ def numbers(calibration: Calibration, offset_sigma: Floats, noise: float) -> Tex
 
 def findings(findings: Iterable[Finding], spell: Spelling) -> RenderableType:
     """One line for each finding: its limit, the advice, and its code."""
-    return notes((finding.severity, advice(finding, spell), finding.code) for finding in findings)
+    language = OF_TERMINAL.get()
+    return notes(
+        (finding.severity, translation.advice(finding, language) or advice(finding, spell), finding.code)
+        for finding in findings
+    )
 
 
 def lead(fit: Fit) -> Text:
     """The first sentence of the verdict, with the code of its finding."""
-    words, code = headline_of(fit)
+    words, code = headline_of(fit, language=OF_TERMINAL.get())
     return Text(words).append(f" [{code}]" if code else "", "dim")
 
 
 def verdict_line(quality: Verdict, words: str | Text, *more: str) -> Table:
     """The verdict of a calibration, with its meaning and its basis."""
-    return verdict(quality.upper(), quality, words, *more)
+    language = OF_TERMINAL.get()
+    return verdict(language.capitals(language.phrase(f"verdict.{quality}", quality)), quality, words, *more)
 
 
 def _change_words(fit: Fit) -> Text | None:
@@ -226,24 +231,35 @@ def _change_words(fit: Fit) -> Text | None:
 def _verdict_of_fit(fit: Fit, basis: str, *more: str) -> Table:
     """The verdict of a calibration: its first sentence, its basis, and further lines."""
     if fit.verdict != "refused" and fit.claim.states_uncertainty:
-        basis += f"; level, {dip_words(fit.claim)}"
+        language = OF_TERMINAL.get()
+        dip = language.numeral(f"{fit.claim.known_dip_deg:.3g}")
+        basis += "; " + (
+            language.phrase("basis.assumed-dip", "level, dip {dip}° (assumed)", dip=dip)
+            if fit.claim.dip_assumed
+            else language.phrase("basis.dip", "level, dip {dip}°", dip=dip)
+        )
     return verdict_line(fit.verdict, lead(fit), basis, *more)
 
 
 def _fit_verdict(fit: Fit) -> Table:
     is_noisy = fit.evidence.noise > MAX_NOISE_SHARE * fit.calibration.ellipsoid.radius
     is_surface = not (fit.judgement.is_flat or fit.claim.plane or is_noisy)
-    seen = f", {fit.evidence.coverage.fraction:.0%} of the sphere covered" if is_surface else ""
+    language = OF_TERMINAL.get()
+    share = fit.evidence.coverage.fraction
+    seen = language.phrase("basis.covered", ", {share:.0%} of the sphere covered", share=share) if is_surface else ""
     return _verdict_of_fit(
-        fit, f"{count_text(fit.evidence.samples, 'reading')}{seen}; {fit.evidence.method}", *_further_lines(fit)
+        fit, f"{language.count(fit.evidence.samples, 'reading')}{seen}; {fit.evidence.method}", *_further_lines(fit)
     )
 
 
 def _further_lines(fit: Fit) -> Iterator[str]:
     """Further lines of a verdict: mounting, conditions, ageing, and whether the calibration is needed."""
+    language = OF_TERMINAL.get()
     if fit.verdict == "refused":
-        return iter(("no calibration was written",))
-    return filter(None, (mounting(fit), condition(fit), aging(fit), "" if is_improvement(fit) else NO_BETTER_WORDS))
+        return iter((language.phrase("basis.not-written", "no calibration was written"),))
+    no_better = "" if is_improvement(fit) else language.phrase("basis.no-better", NO_BETTER_WORDS)
+    conditions = translation.assumptions(fit.judgement.conditions, language) or condition(fit)
+    return filter(None, (mounting(fit), conditions, aging(fit), no_better))
 
 
 # ----------------------------------------------------------------------------------------------- merged, and typed

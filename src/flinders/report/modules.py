@@ -69,6 +69,8 @@ EXPORT: Final = re.compile(r"^export (?=(?:async )?(?:function\*?|class|const) (
 EXPORT_LIST: Final = re.compile(r"\bexport\s*\{([^{}]*)\};?\s*\Z")
 """The list of exports at the end of a bundle of esbuild."""
 OTHER_FORM: Final = re.compile(r"^(?:import|export)\b|^\s*export\s*(?:\{|default\b)", re.MULTILINE)
+WAITS: Final = re.compile(r"^(?:if \(.*\) )?await ", re.MULTILINE)
+"""A module that waits at its top level."""
 UNSAFE_TEXT: Final = re.compile(r"</script|<!--", re.IGNORECASE)
 """Text that would end, or change the meaning of, a script inside a page."""
 
@@ -133,4 +135,5 @@ def _wrap_module(name: str, text: str, inside: dict[str, str]) -> str:
     left = OTHER_FORM.search(body)
     if left:
         raise NotJoined(f"{name}: {body[left.start() :][:60]!r} is a form that is not joined")
-    return f"const {name} = (() => {{\n{body.strip()}\nreturn {{ {', '.join(exported)} }};\n}})();"
+    opening = "await (async () => {" if WAITS.search(body) else "(() => {"
+    return f"const {name} = {opening}\n{body.strip()}\nreturn {{ {', '.join(exported)} }};\n}})();"

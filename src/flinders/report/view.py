@@ -60,6 +60,10 @@ MAX_SIGMAS: Final = 4.0
 """Range of the histogram in standard deviations; residuals beyond it are counted in the outermost bins."""
 
 
+IN_PLAIN_WORDS: Final = ("next_movement", "next_step", "corrected_length", "unit")
+"""Values that plain words of findings take beside number and limit."""
+
+
 class HeadingErrorView(Struct, frozen=True):
     """Expected heading error, 1 σ, in degrees, and the case that it holds for."""
 
@@ -86,6 +90,7 @@ class FindingView(Struct, frozen=True):
     number: float | None
     limit: float | None
     advice: str
+    values: dict[str, Any] = {}  # of its plain words, for pages in other languages
 
 
 class Shown(Struct, frozen=True):
@@ -349,7 +354,8 @@ def tile_errors_deg(fit: Fit) -> Floats:
 def _finding(finding: Finding) -> FindingView:
     """A finding with its sentence."""
     number, limit = json_value(finding.number), json_value(finding.limit)
-    return FindingView(finding.code, finding.severity, number, limit, finding.advice)
+    values = {name: json_value(finding.values[name]) for name in IN_PLAIN_WORDS if name in finding.values}
+    return FindingView(finding.code, finding.severity, number, limit, finding.advice, values)
 
 
 def matrix_sigma(fit: Fit) -> Floats:

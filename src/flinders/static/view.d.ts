@@ -29,6 +29,7 @@ export interface FindingView {
   number: number | null;
   limit: number | null;
   advice: string;
+  values?: Record<string, any>; // of its plain words, for other languages
 }
 
 /** Distances of the readings used from the surface, counted; what lies beyond the ends is in the outermost bins. */

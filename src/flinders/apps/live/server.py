@@ -66,6 +66,7 @@ if TYPE_CHECKING:
 
 STATIC: Final = Path(__file__).parent / "static"
 LIBRARY: Final = "flinders", "static"  # Modules shared with reports
+LANGUAGES: Final = STATIC.parents[2] / "languages"
 SCRIPTS: Final[dict[str, tuple[str, tuple[str, ...]]]] = {
     "page.js": ("apps/live/static/live.js", ()),
     "station.js": ("apps/live/static/station/station.js", ()),
@@ -145,6 +146,7 @@ def application(
         Route("/previous", _previous, methods=["POST"]),
         Route("/send", _send, methods=["POST"]),
         *(Route(f"/static/{entry}", _script, middleware=COMPRESSION) for entry in SCRIPTS),
+        Mount("/languages", StaticFiles(directory=LANGUAGES), middleware=COMPRESSION),
         Mount("/static", StaticFiles(directory=STATIC, packages=[LIBRARY], check_dir=False), middleware=COMPRESSION),
     ]
     handlers = dict.fromkeys((FlindersError, HTTPException, Exception), _on_error)

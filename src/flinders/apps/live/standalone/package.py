@@ -26,6 +26,7 @@ from flinders.core.calibration_file import VERSION as SCHEMA
 from flinders.core.chips import chips
 from flinders.core.files import licence_text, make_folder, reason_and_remedy, write_bytes
 from flinders.core.geomag import newest_model
+from flinders.core.language import ENGLISH_CODE, LANGUAGES, text_of
 from flinders.errors import NoEngine, OutputError
 from flinders.fitting import refreshing
 from flinders.native import build
@@ -54,6 +55,8 @@ SCRIPTS: Final[dict[str, tuple[str, tuple[str, ...]]]] = {
 """Scripts of the folder: the module to join with its imports, and its exports."""
 REPORT: Final = "static/report.css"
 """Style sheet of a report, shared with the program."""
+TRANSLATIONS: Final = "languages/"
+"""Folder of the languages, each of which is loaded where it is wanted."""
 ASSETS: Final = ("index.html", "static/page.css", "static/theme.js", "static/compass.svg")
 """Files that are copied unchanged."""
 
@@ -119,6 +122,7 @@ def contents() -> dict[str, bytes]:
         **_licences(),
         **{name: asset(f"{STATIC_FOLDER}/{name.removeprefix('static/')}").encode() for name in ASSETS},
         REPORT: style_of().encode(),
+        **{f"{TRANSLATIONS}{code}.json": text_of(code).encode() for code in LANGUAGES if code != ENGLISH_CODE},
         **{name: text for name, entry in SCRIPTS.items() if (text := _script(*entry)) is not None},
     }
     return {**files, "sw.js": service_worker(files).encode()}
@@ -198,8 +202,9 @@ def service_worker(files: dict[str, bytes]) -> str:
     for name in sorted(files):
         digest.update(name.encode() + b"\0" + files[name] + b"\0")
     left_out = (SCENE, "index.html")
-    names = ["./", *sorted(name for name in files if name not in left_out and not name.startswith("LICENSE"))]
-    page = {"version": f"{VERSION} {digest.hexdigest()[:16]}", "files": names, "scene": SCENE}
+    unneeded = ("LICENSE", TRANSLATIONS)
+    names = ["./", *sorted(name for name in files if name not in left_out and not name.startswith(unneeded))]
+    page = {"version": f"{VERSION} {digest.hexdigest()[:16]}", "files": names, "scene": SCENE, "kept": TRANSLATIONS}
     return f"const PAGE = {json.dumps(page)};\n{asset(f'{STATIC_FOLDER}/standalone/sw.js')}"
 
 

@@ -9,15 +9,18 @@
 import { byId, element, icon, Refusal, remember, recall, setIcon, setList, setText } from "./dom.js";
 import { Finish } from "./finish.js";
 import { listen, rows, setSingleKeys, singleKeys } from "./keys.js";
+import { listenForLanguage, numeral, phrase, translateFixed } from "./language.js";
 import { legendOf, legendRow } from "./legend.js";
 import { listenForPlace, showRemedies } from "./remedies.js";
 import { Sounds } from "./sounds.js";
 import { staysLevel } from "./standalone/choreography.js";
 import { Fitter } from "./standalone/fitter.js";
 import { errors, goesOn, Store } from "./store.js";
+import { useVerdictTables } from "./verdict_words.js";
 import { ems, gauge } from "./views/gauge.js";
 import { Guide, LeadView } from "./views/lead.js";
-import { brief, capital, countText, degrees, duration, frequency, ICONS, isGoodWhileLevel, PHASES, REASONS, sentence, sinceWords, things, WHILE_LEVEL } from "./views/words.js";
+import { brief, capital, countText, degrees, duration, faultTitle, frequency, ICONS, isGoodWhileLevel, phaseTitle, remarkWords, sentence, sinceWords, sourceTitle, things, whileLevelTitle } from "./views/words.js";
+import { Voice } from "./voice.js";
 import { drawChanged, lay, markHovered } from "./widgets.js";
 
 /** @typedef {import("./messages.d.ts").Command} Command */
@@ -35,6 +38,8 @@ const THEME = "flinders-theme";
 const SAID_MS = 4000;
 const NOTICE_MS = 9000;
 
+translateFixed(document);
+listenForLanguage(byId("language", HTMLSelectElement));
 const store = new Store();
 const finish = new Finish(notify, () => link, () => {
     const panel = document.querySelector(".panel.heading:not(.enlarged)");
@@ -44,6 +49,7 @@ const panels = lay(byId("strip", HTMLElement), { store, send, notify, hover });
 const guide = new Guide();
 const leadView = new LeadView(guide, drawAll);
 const sounds = new Sounds(byId("sounds", HTMLInputElement));
+const voice = new Voice(byId("voice", HTMLInputElement), byId("voice-words", HTMLElement));
 /** @type {Scene | null} */
 let scene = null;
 let sceneAsked = false;
@@ -69,12 +75,13 @@ export async function start(connect) {
         const answer = await fetch("page.json");
         if (!answer.ok) throw new Error(`page.json gave ${answer.status}`);
         const data = /** @type {Data} */ (await answer.json());
+        useVerdictTables(data.engine);
         link = await connect(listener, data, new Fitter("static/worker.js", new URL("flinders.wasm", document.baseURI).href, data.engine));
         /** State of the page, for tests and for inspection. */
         Object.defineProperty(window, "flinders", { value: Object.freeze({ store, connection: link }) });
     } catch (error) {
         byId("lost", HTMLElement).hidden = false;
-        setText(byId("lost-words", HTMLElement), `This page could not be loaded: ${error instanceof Error ? error.message : error}.`);
+        setText(byId("lost-words", HTMLElement), phrase("page.not-loaded", "This page could not be loaded: {error}.", { error: error instanceof Error ? error.message : String(error) }));
         byId("retry", HTMLElement).addEventListener("click", () => window.location.reload());
     }
 }
@@ -83,7 +90,7 @@ export async function start(connect) {
 const listener = {
     onMessage(message) {
         if (message.type === "notice") {
-            notify(message.severity, message.words);
+            notify(message.severity, remarkWords(message.words));
             return;
         }
         store.take(message);
@@ -110,7 +117,9 @@ const listener = {
     onLink(state, seconds) {
         if (state === "open") wasOpen = true;
         byId("lost", HTMLElement).hidden = state === "open" || (!wasOpen && state === "trying");
-        const words = state === "trying" ? "Trying to reach Flinders …" : `Flinders does not answer. Next try in ${seconds} s. The readings are safe where it runs.`;
+        const words = state === "trying"
+            ? phrase("line.trying", "Trying to reach Flinders …")
+            : phrase("line.lost", "Flinders does not answer. Next try in {seconds} s. The readings are safe where it runs.", { seconds });
         if (state !== "open") setText(byId("lost-words", HTMLElement), words);
         document.documentElement.dataset.line = state;
     },
@@ -121,7 +130,7 @@ const listener = {
  * @param {Command} message
  */
 function send(message) {
-    if (!link.send(message)) notify("warning", "There is no connection to Flinders, so nothing was changed.");
+    if (!link.send(message)) notify("warning", phrase("line.none", "There is no connection to Flinders, so nothing was changed."));
 }
 
 // Drawing -----------------------------------------------------------------------------------------------------------
@@ -139,7 +148,8 @@ function draw(now) {
     if (dirty.now && store.now && view) leadView.turn(store.now, view);
     const lead = guide.follow(store, now / 1000);
     if (state && lead) leadView.draw(state, view, lead);
-    if (state) sounds.follow(state, view, lead, now / 1000);
+    if (state) sounds.follow(state, view, lead, now / 1000, store.now?.raw ?? null);
+    if (state) voice.follow(state, lead);
     if (dirty.state && state) drawState(state, view);
     if (dirty.state) finish.show(state);
     if (dirty.points || dirty.view || dirty.state || guide.lead?.target !== sceneTarget) drawScene(view, state);
@@ -194,7 +204,7 @@ function drawState(state, view) {
     setText(byId("worst", HTMLElement), figure);
     byId("figure", HTMLElement).style.setProperty("--ems", ems(figure).toFixed(2));
     byId("degree", HTMLElement).hidden = worst === null;
-    setText(byId("worst-what", HTMLElement), state.goal === "attitude" ? "in the worst direction" : "at the worst heading");
+    setText(byId("worst-what", HTMLElement), state.goal === "attitude" ? phrase("status.worst-direction", "in the worst direction") : phrase("status.worst-heading", "at the worst heading"));
     setText(byId("rms", HTMLElement), degrees(rms));
     setField("target", state.target_deg);
     setField("dip", state.dip_deg);
@@ -212,10 +222,10 @@ function drawState(state, view) {
     pause.setAttribute("aria-pressed", String(state.paused));
     setIcon(pause, state.paused ? "play" : "pause");
     const label = pause.querySelector("span");
-    if (label) setText(label, state.paused ? "Go on" : "Pause");
+    if (label) setText(label, state.paused ? phrase("go-on", "Go on") : phrase("pause", "Pause"));
     finish.name(state);
     byId("back", HTMLElement).hidden = state.opened === null || state.source.kind === "file";
-    document.title = worst === null ? "Flinders" : `${degrees(worst)} · ${PHASES[state.phase]} · Flinders`;
+    document.title = worst === null ? "Flinders" : `${degrees(worst)} · ${phaseTitle(state.phase)} · Flinders`;
 }
 
 /** @param {State} state */
@@ -228,11 +238,11 @@ function drawPhase(state) {
     if (panel instanceof HTMLElement) panel.dataset.phase = shownPhase;
     setIcon(title, ICONS[isResult ? "limited" : shownPhase]);
     const strong = title.querySelector("strong");
-    const reached = isLevel ? WHILE_LEVEL : (PHASES[state.phase] ?? state.phase);
-    const phase = isResult ? (store.view ? "Misses the target" : "No calibration") : reached;
-    const phaseTitle = state.paused && !state.finished ? "Paused" : phase;
-    const words = state.words.startsWith(`${phaseTitle}: `) ? capital(state.words.slice(phaseTitle.length + 2)) : state.words; // "Good: …"
-    if (strong) setText(strong, phaseTitle);
+    const reached = isLevel ? whileLevelTitle() : phaseTitle(state.phase);
+    const result = store.view ? phrase("verdict.misses", "Misses the target") : phrase("verdict.none", "No calibration");
+    const shownTitle = state.paused && !state.finished ? phrase("phase.paused", "Paused") : isResult ? result : reached;
+    const words = state.words.startsWith(`${shownTitle}: `) ? capital(state.words.slice(shownTitle.length + 2)) : state.words; // "Good: …"
+    if (strong) setText(strong, shownTitle);
     const shown = state.phase === "waiting" || isStill(state, store.view) ? "" : words; // the middle of the page shows these words
     setText(byId("phase-words", HTMLElement), state.phase === "wrong" ? gravestFault(state) : shown);
     const others = state.reasons.filter(({ code }) => code !== state.told);
@@ -241,7 +251,7 @@ function drawPhase(state) {
         row.dataset.severity = reason.severity;
         return row;
     });
-    say("phase", `${phaseTitle}. ${words}`); // the whole sentence, so that no fault is announced twice
+    say("phase", `${shownTitle}. ${words}`); // the whole sentence, so that no fault is announced twice
 }
 
 /**
@@ -251,7 +261,7 @@ function drawPhase(state) {
  */
 function gravestFault({ reasons, words }) {
     const reason = reasons.find(({ severity }) => severity === "warning");
-    const title = reason && REASONS[reason.code];
+    const title = reason && faultTitle(reason.code);
     const [, details] = brief(words);
     return [title, details && sentence(capital(details))].filter(Boolean).join(" ");
 }
@@ -259,20 +269,21 @@ function gravestFault({ reasons, words }) {
 /** @param {State} state */
 function drawSource({ phase, source, readings, rejected, excluded_readings, finished, rate_hz, seconds, recording, opened }) {
     byId("source", HTMLElement).dataset.link = opened === null ? source.link : "ended";
-    setText(byId("source-name", HTMLElement), opened ?? source.name);
-    const links = { connected: "", waiting: "waiting", gone: "gone", ended: "ended" };
+    setText(byId("source-name", HTMLElement), opened ?? sourceTitle(source.name));
+    const waiting = phrase("source.waiting", "waiting");
+    const links = { connected: "", waiting, gone: phrase("source.gone", "gone"), ended: phrase("source.ended", "ended") };
     const counts = [
-        phase === "waiting" ? "waiting" : opened === null ? links[source.link] : "a log",
+        phase === "waiting" ? waiting : opened === null ? links[source.link] : phrase("source.log", "a log"),
         opened === null ? frequency(rate_hz ?? 0) : "",
         readings > 0 && seconds !== null ? duration(seconds) : "",
         readings > 0 ? things(readings, "reading") : "",
         rejected > 0 ? `${things(rejected, "outlier")}` : "",
-        excluded_readings > 0 ? `${countText(excluded_readings)} left out` : "",
-        finished && finished.since > 0 ? `${countText(finished.since)} since Finish` : "",
+        excluded_readings > 0 ? phrase("source.left-out", "{count} left out", { count: countText(excluded_readings) }) : "",
+        finished && finished.since > 0 ? phrase("source.since", "{count} since Finish", { count: countText(finished.since) }) : "",
     ];
     const words = counts.filter(Boolean).join(" · ");
     setText(byId("source-words", HTMLElement), words);
-    byId("source", HTMLElement).title = [source.name, source.words, words, recording ? `recorded to ${recording}` : ""].filter(Boolean).join("\n");
+    byId("source", HTMLElement).title = [source.name, source.words, words, recording ? phrase("source.recorded", "recorded to {file}", { file: recording }) : ""].filter(Boolean).join("\n");
 }
 
 /** @param {State} state */
@@ -320,8 +331,8 @@ function drawEmpty({ phase, readings, source }) {
     const isEmpty = readings === 0;
     byId("empty", HTMLElement).hidden = !isEmpty;
     byId("stage", HTMLElement).toggleAttribute("data-empty", isEmpty);
-    setText(byId("empty-lead", HTMLElement), phase === "waiting" ? "Waiting for readings" : "No readings");
-    setText(byId("empty-from", HTMLElement), `from ${source.name}`);
+    setText(byId("empty-lead", HTMLElement), phase === "waiting" ? phrase("empty.waiting", "Waiting for readings") : phrase("empty.none", "No readings"));
+    setText(byId("empty-from", HTMLElement), phrase("empty.from", "from {name}", { name: sourceTitle(source.name) }));
     byId("empty-board", HTMLElement).hidden = phase !== "waiting" || !EXAMPLES[source.kind];
     setText(byId("empty-example", HTMLElement), EXAMPLES[source.kind] ?? "");
 }
@@ -353,7 +364,7 @@ async function startScene() {
         console.warn("flinders: no 3-D view:", error);
         const without = byId("without", HTMLElement);
         without.hidden = false;
-        setText(without, "This browser cannot show the 3-D view. The gauge, the advice, the projections and the exports work.");
+        setText(without, phrase("scene.none", "This browser cannot show the 3-D view. The gauge, the advice, the projections and the exports work."));
         return;
     }
     scene.setMode(mode());
@@ -417,7 +428,7 @@ function drawScene(view, state) {
 
 /** Switch of the drawing mode, and names of its choices for the shortcuts. */
 const modes = /** @type {NodeListOf<HTMLInputElement>} */ (document.querySelectorAll('input[name="mode"]'));
-const MODE_WORDS = ["sphere", "both clouds", "raw readings", "corrected readings"];
+const MODE_WORDS = [phrase("keys.sphere", "sphere"), phrase("keys.clouds", "both clouds"), phrase("keys.raw", "raw readings"), phrase("keys.corrected", "corrected readings")];
 
 /** @returns {import("../../../static/views/scene.js").Mode} */
 function mode() {
@@ -475,7 +486,7 @@ function notify(severity, words) {
     const list = byId("notices", HTMLElement);
     list.querySelector(`[data-words="${CSS.escape(words)}"]`)?.remove();
     const shut = element("button", [icon("close")], "square quiet");
-    shut.setAttribute("aria-label", "Close this notice");
+    shut.setAttribute("aria-label", phrase("notice.close", "Close this notice"));
     shut.addEventListener("click", () => row.remove());
     const row = element("li", [icon(ICONS[severity]), element("span", sentence(words)), shut]);
     Object.assign(row.dataset, { severity, words });
@@ -512,7 +523,7 @@ function onNumber(id, message, current) {
             send(message(field.valueAsNumber));
             return;
         }
-        notify("warning", `${field.value || "Nothing"} cannot be used here: need a number from ${field.min} to ${field.max}.`);
+        notify("warning", phrase("field.refused", "{value} cannot be used here: need a number from {min} to {max}.", { value: field.value || phrase("field.nothing", "Nothing"), min: numeral(field.min), max: numeral(field.max) }));
         const value = current();
         if (value !== undefined) field.value = String(value);
     });
@@ -590,10 +601,10 @@ async function upload(what, file) {
     const limit = store.hello?.limits.upload_bytes ?? Infinity;
     if (file.size > limit) {
         const mib = (/** @type {number} */ bytes) => `${(bytes / 2 ** 20).toFixed(1)} MiB`;
-        notify("error", `${file.name} holds ${mib(file.size)}; this page takes up to ${mib(limit)}. Use flinders calibrate for larger logs.`);
+        notify("error", phrase("drop.too-large", "{name} holds {size}; this page takes up to {limit}. Use flinders calibrate for larger logs.", { name: file.name, size: mib(file.size), limit: mib(limit) }));
         return;
     }
-    const done = what === "open" ? notify("info", `Reading ${file.name} …`) : () => {};
+    const done = what === "open" ? notify("info", phrase("drop.reading", "Reading {name} …", { name: file.name })) : () => {};
     try {
         await link[what](file.name, file);
     } catch (error) {
@@ -619,7 +630,7 @@ const hasFiles = (/** @type {DragEvent} */ event) => event.dataTransfer?.types.i
 window.addEventListener("dragenter", (event) => {
     if (!hasFiles(event)) return;
     dragged += 1;
-    setText(drop.firstElementChild ?? drop, finish.isOpen ? "Drop the earlier calibration to compare with it" : "Drop the log to open it");
+    setText(drop.firstElementChild ?? drop, finish.isOpen ? phrase("drop.compare", "Drop the earlier calibration to compare with it") : phrase("drop.open", "Drop the log to open it"));
     drop.hidden = false;
 });
 window.addEventListener("dragleave", (event) => {
@@ -637,7 +648,7 @@ window.addEventListener("drop", (event) => {
     event.preventDefault();
     const files = event.dataTransfer?.files;
     if (!files || files.length === 0) return;
-    if (files.length > 1) notify("info", `One file at a time: opening ${files[0].name}.`);
+    if (files.length > 1) notify("info", phrase("drop.several", "One file at a time: opening {name}.", { name: files[0].name }));
     upload(finish.isOpen ? "previous" : "open", files[0]);
 });
 
@@ -690,19 +701,19 @@ const onPage = (/** @type {() => void} */ act) => () => {
 };
 
 const shortcuts = [
-    { keys: ["?"], words: "this help", act: onPage(openHelp) },
-    { keys: ["f"], words: "finish: verdict, exports, what to keep", act: onPage(() => finish.open()) },
-    { keys: ["o"], words: "open a log", act: onPage(chooseLog) },
-    { keys: ["m"], words: "collect more, once it is finished", act: onPage(collect) },
-    { keys: ["p"], words: "pause, go on", act: onPage(togglePause) },
-    { keys: ["n"], words: "start again", act: onPage(confirmClear) },
-    { keys: ["t"], words: "type a target", act: onPage(() => byId("target", HTMLInputElement).select()) },
+    { keys: ["?"], words: phrase("keys.help", "this help"), act: onPage(openHelp) },
+    { keys: ["f"], words: phrase("keys.finish", "finish: verdict, exports, what to keep"), act: onPage(() => finish.open()) },
+    { keys: ["o"], words: phrase("keys.open", "open a log"), act: onPage(chooseLog) },
+    { keys: ["m"], words: phrase("keys.collect", "collect more, once it is finished"), act: onPage(collect) },
+    { keys: ["p"], words: phrase("keys.pause", "pause, go on"), act: onPage(togglePause) },
+    { keys: ["n"], words: phrase("keys.clear", "start again"), act: onPage(confirmClear) },
+    { keys: ["t"], words: phrase("keys.target", "type a target"), act: onPage(() => byId("target", HTMLInputElement).select()) },
     ...panels.flatMap(({ controls }) => controls?.shortcuts ?? []).map(({ act, ...key }) => ({ ...key, act: onPage(act) })),
     ...MODE_WORDS.map((words, i) => ({ keys: [String(i + 1)], words, act: onPage(() => chooseMode(i)) })),
-    { keys: ["r"], words: "reset the view", act: onPage(() => scene?.resetCamera()) },
-    { keys: ["l"], words: "light or dark", act: onPage(toggleTheme) },
-    { keys: ["c"], words: "copy the export, where the finish panel is open", act: () => finish.isOpen && byId("copy", HTMLButtonElement).click() },
-    { keys: ["escape"], words: "take the mark away, close what is open", act: onPage(escape) },
+    { keys: ["r"], words: phrase("keys.reset", "reset the view"), act: onPage(() => scene?.resetCamera()) },
+    { keys: ["l"], words: phrase("keys.theme", "light or dark"), act: onPage(toggleTheme) },
+    { keys: ["c"], words: phrase("keys.copy", "copy the export, where the finish panel is open"), act: () => finish.isOpen && byId("copy", HTMLButtonElement).click() },
+    { keys: ["escape"], words: phrase("keys.escape", "take the mark away, close what is open"), act: onPage(escape) },
 ];
 listen(shortcuts);
 byId("keys", HTMLElement).replaceChildren(...rows(shortcuts));

@@ -1,6 +1,7 @@
 /** Picture of a result for sharing: the heading error before and after calibration. */
 
 import { duration, things } from "./views/words.js";
+import { phrase } from "./language.js";
 
 const [WIDTH, HEIGHT, MARGIN] = [1200, 630, 72];
 const FACE = "system-ui, -apple-system, 'Segoe UI', sans-serif";
@@ -41,9 +42,9 @@ export function drawCard({ name, before, after, bound, verdict, seconds, reading
     const arrow = write(before, MARGIN, 330, 130, "raw", 700);
     const end = write(" → ", arrow, 330, 100, "faint");
     write(after, end, 330, 130, "corrected", 700);
-    write("worst level heading error, raw and calibrated", MARGIN, 400, 34, "faint");
-    write(`${verdict}: 95 % within ${bound}`, MARGIN, 462, 34, "ink");
-    const took = seconds === null ? things(readings, "reading") : `${things(readings, "reading")} in ${duration(seconds)}`;
+    write(phrase("card.error", "worst level heading error, raw and calibrated"), MARGIN, 400, 34, "faint");
+    write(phrase("card.verdict", "{verdict}: 95 % within {bound}", { verdict, bound }), MARGIN, 462, 34, "ink");
+    const took = seconds === null ? things(readings, "reading") : phrase("card.took", "{readings} in {time}", { readings: things(readings, "reading"), time: duration(seconds) });
     write(`${took} · Flinders`, MARGIN, HEIGHT - MARGIN, 30, "faint");
     return new Promise((resolve) => canvas.toBlob(resolve, "image/png"));
 }

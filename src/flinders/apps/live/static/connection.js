@@ -6,6 +6,7 @@
  */
 
 import { Refusal } from "./dom.js";
+import { phrase } from "./language.js";
 
 /** @typedef {import("./wire.d.ts").FromServer} FromServer */
 /** @typedef {import("./wire.d.ts").Edits} Edits */
@@ -71,11 +72,11 @@ export class Connection {
         try {
             answer = await fetch(address, { cache: "no-store", ...options });
         } catch {
-            throw new Refusal("The server does not answer. Is flinders live still running?");
+            throw new Refusal(phrase("line.silent", "The server does not answer. Is flinders live still running?"));
         }
         if (answer.ok) return answer;
         const text = (await answer.text()).trim();
-        throw new Refusal(refusalWords(text) || `The server refuses, with status ${answer.status}.`);
+        throw new Refusal(refusalWords(text) || phrase("line.refused", "The server refuses, with status {status}.", { status: answer.status }));
     }
 
     /** Reconnect at once. */

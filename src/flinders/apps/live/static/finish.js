@@ -5,7 +5,9 @@ import { canCollect, errors } from "./store.js";
 import { byId, bytesOf, element, icon, Refusal, remember, recall, save, setIcon, setList, setText } from "./dom.js";
 import { hexadecimal } from "./standalone/targets.js";
 import { table } from "./views/table.js";
-import { clock, countText, degrees, ICONS, isGoodWhileLevel, measuredText, PHASES, sentence, significant, sinceWords, things, VERDICTS, WHILE_LEVEL } from "./views/words.js";
+import { clock, countText, degrees, ICONS, isGoodWhileLevel, measuredText, phaseTitle, sentence, significant, sinceWords, things, verdictTitle, whileLevelTitle } from "./views/words.js";
+import { phrase } from "./language.js";
+import { adviceOf, conditionOf, reasonWords, sentenceOf } from "./verdict_words.js";
 
 /** @typedef {import("./messages.d.ts").SessionState} State */
 /** @typedef {import("../../../static/view.d.ts").View} View */
@@ -14,7 +16,6 @@ import { clock, countText, degrees, ICONS, isGoodWhileLevel, measuredText, PHASE
 /** @typedef {import("./standalone/running.js").Preview} Preview */
 
 const LAST_TARGET = "flinders-export";
-const TURN_FIRST = "turn the sensor through all directions; the first fit comes after some seconds";
 /** Result without readings. @type {import("./standalone/running.js").Finished} */
 const NOTHING = { name: "", view: null, refusal: "" };
 /** Reasons that do not concern the readings already received. */
@@ -118,7 +119,7 @@ export class Finish {
         this.finished = readings === 0 ? NOTHING : null;
         this.draw();
         if (this.finished) return;
-        this.verdict("none", "Making the calibration …", `of ${things(readings, "reading")}`);
+        this.verdict("none", phrase("finish.making", "Making the calibration …"), phrase("finish.of", "of {readings}", { readings: things(readings, "reading") }));
         try {
             const finished = await this.link().finish();
             if (turn !== this.asked) return;
@@ -157,9 +158,9 @@ export class Finish {
     name({ finished }) {
         const button = byId("finish", HTMLButtonElement);
         setIcon(button, finished ? "download" : "good");
-        button.title = finished ? "Export (F)" : "Keep this calibration and export it (F)";
-        setText(button.querySelector("span") ?? button, finished ? "Export" : "Finish");
-        setText(byId("finish-title", HTMLElement), finished ? `Finished at ${clock(finished.seconds)}` : "Finish");
+        button.title = finished ? phrase("export.title", "Export (F)") : phrase("finish.title", "Keep this calibration and export it (F)");
+        setText(button.querySelector("span") ?? button, finished ? phrase("export", "Export") : phrase("finish", "Finish"));
+        setText(byId("finish-title", HTMLElement), finished ? phrase("finish.at", "Finished at {time}", { time: clock(finished.seconds) }) : phrase("finish", "Finish"));
     }
 
     /**
@@ -169,13 +170,13 @@ export class Finish {
     show(state) {
         this.state = state;
         if (!this.isOpen) return;
-        setText(byId("kept", HTMLElement), state?.recording && state.opened === null ? `All readings are recorded to ${state.recording}.` : "");
+        setText(byId("kept", HTMLElement), state?.recording && state.opened === null ? phrase("keep.recorded", "All readings are recorded to {file}.", { file: state.recording }) : "");
         const previous = state?.previous ?? null;
         setText(
             byId("previous-words", HTMLElement),
             previous
                 ? `${previous.name}: ${sentence(previous.words)}`
-                : "An earlier calibration file of this sensor shows the change of headings since.",
+                : phrase("compare.words", "An earlier calibration file of this sensor shows the change of headings since."),
         );
         const name = previous?.name ?? "";
         if (name && name !== this.previous) byId("compare", HTMLDetailsElement).open = true;
@@ -214,7 +215,7 @@ export class Finish {
         for (const id of ["take", "preview", "export-warnings"]) byId(id, HTMLElement).hidden = Boolean(this.finished && !view?.offset);
         byId("details", HTMLElement).hidden = !view?.offset;
         setList(byId("findings", HTMLElement), view?.findings ?? [], (finding) => {
-            const row = listRow(ICONS[finding.severity] ?? "info", finding.advice);
+            const row = listRow(ICONS[finding.severity] ?? "info", adviceOf(finding));
             row.dataset.severity = finding.severity;
             return row;
         });
@@ -264,15 +265,15 @@ export class Finish {
         /** @type {[string, string][]} */
         const rows = view
             ? [
-                  ["heading error, worst (1 σ)", degrees(error?.worst)],
-                  ["all headings within (95 %)", degrees(error?.bound_95)],
-                  ["heading error, rms (1 σ)", degrees(error?.rms)],
-                  ["without calibration, worst", degrees(raw?.worst)],
-                  ["tilt within the target", tiltText(view.attitude_limit_deg)],
-                  [view.field_strength_known ? "field strength" : "field strength, relative", withUnit(measuredText(view.field_strength, view.noise).value, view.unit)],
-                  ["noise (1 σ)", withUnit(significant(view.noise, 3), view.unit)],
-                  ["readings used", countText(view.samples)],
-                  ["method", view.method],
+                  [phrase("numbers.worst", "heading error, worst (1 σ)"), degrees(error?.worst)],
+                  [phrase("numbers.bound", "all headings within (95 %)"), degrees(error?.bound_95)],
+                  [phrase("numbers.rms", "heading error, rms (1 σ)"), degrees(error?.rms)],
+                  [phrase("numbers.raw", "without calibration, worst"), degrees(raw?.worst)],
+                  [phrase("numbers.tilt", "tilt within the target"), tiltText(view.attitude_limit_deg)],
+                  [view.field_strength_known ? phrase("numbers.strength", "field strength") : phrase("numbers.relative", "field strength, relative"), withUnit(measuredText(view.field_strength, view.noise).value, view.unit)],
+                  [phrase("numbers.noise", "noise (1 σ)"), withUnit(significant(view.noise, 3), view.unit)],
+                  [phrase("numbers.used", "readings used"), countText(view.samples)],
+                  [phrase("numbers.method", "method"), view.method],
               ]
             : [];
         setList(byId("numbers", HTMLElement), rows, ([name, value]) => element("div", [element("dt", name), element("dd", value)]));
@@ -299,7 +300,7 @@ export class Finish {
     showPreview(preview, text) {
         this.preview = preview;
         const binary = bytesOf(preview?.binary_base64 ?? "");
-        const words = binary.length && !text ? `${preview?.filename}: ${binary.length} bytes, to be downloaded.\n\n${hexadecimal(binary)}` : text;
+        const words = binary.length && !text ? `${phrase("export.binary", "{file}: {bytes} bytes, to be downloaded.", { file: preview?.filename ?? "", bytes: binary.length })}\n\n${hexadecimal(binary)}` : text;
         const host = byId("preview", HTMLElement);
         host.classList.toggle("refusal", preview === null && text !== "");
         host.textContent = words;
@@ -318,14 +319,14 @@ export class Finish {
             await navigator.clipboard.writeText(text);
         } catch {
             window.getSelection()?.selectAllChildren(byId("preview", HTMLElement));
-            this.say("the browser does not let this page copy. The text is selected: press Ctrl+C", "refused");
+            this.say(phrase("export.not-copied", "the browser does not let this page copy. The text is selected: press Ctrl+C"), "refused");
             return;
         }
         if (label) {
-            setText(label, "Copied");
-            window.setTimeout(() => setText(label, "Copy"), 1500);
+            setText(label, phrase("export.copied", "Copied"));
+            window.setTimeout(() => setText(label, phrase("export.copy", "Copy")), 1500);
         }
-        this.say("copied");
+        this.say(phrase("export.done", "copied"));
     }
 
     async download() {
@@ -348,12 +349,12 @@ export class Finish {
         const { title } = judged(this.finished, this.state);
         const numbers = { before: degrees(raw.worst), after: degrees(error.worst), bound: degrees(error.bound_95), readings: view.samples };
         const picture = await drawCard({ name: this.state?.opened ?? this.state?.source.name ?? name, verdict: title, seconds: this.state?.seconds ?? null, ...numbers });
-        if (!picture) throw new Refusal("the browser makes no picture of it");
+        if (!picture) throw new Refusal(phrase("card.none", "the browser makes no picture of it"));
         save(picture, "heading-error.png");
     }
 
     async send() {
-        this.say("sending …", "working");
+        this.say(phrase("export.sending", "sending …"), "working");
         this.say(await this.link().sendToBoard());
     }
 }
@@ -373,8 +374,8 @@ function counting(state) {
  * @param {boolean} isMade
  */
 function otherNow({ finished, opened }, isMade) {
-    if (!isMade) return finished || opened !== null ? "" : "Nothing is finished: keep turning, and finish it then.";
-    return finished || opened !== null ? "Something was changed since." : "Readings are being collected again.";
+    if (!isMade) return finished || opened !== null ? "" : phrase("finish.nothing", "Nothing is finished: keep turning, and finish it then.");
+    return finished || opened !== null ? phrase("finish.changed", "Something was changed since.") : phrase("finish.collecting", "Readings are being collected again.");
 }
 
 /**
@@ -415,17 +416,22 @@ function listRow(name, words) {
  */
 export function judged(finished, state) {
     const view = finished?.view ?? null;
-    if (!view) return { kind: "none", title: "No calibration yet", words: sentence(finished?.refusal || TURN_FIRST) };
+    if (!view) return { kind: "none", title: phrase("verdict.none-yet", "No calibration yet"), words: sentence(finished?.refusal || turnFirst()) };
     const { worst } = errors(view, state?.goal ?? "heading");
-    const anyhow = state?.goal === "attitude" && worst !== null ? [`Whichever way it is held: ${degrees(worst)} (1 σ).`] : [];
-    const rests = view.condition ? [sentence(view.condition)] : [];
+    const anyhow = state?.goal === "attitude" && worst !== null ? [phrase("verdict.anyhow", "Whichever way it is held: {error} (1 σ).", { error: degrees(worst) })] : [];
+    const rests = view.condition ? [sentence(conditionOf(view))] : [];
     const wrong = state?.phase === "wrong" ? state.reasons.filter(({ severity, code }) => severity === "warning" && !NOT_OF_READINGS.includes(code)) : [];
-    const words = [...wrong.map(({ advice }) => sentence(advice)), view.sentence, ...rests, ...anyhow].join(" ");
-    if (wrong.length) return { kind: "refused", title: PHASES.wrong, words };
+    const words = [...wrong.map((reason) => sentence(reasonWords(reason))), sentenceOf(view), ...rests, ...anyhow].join(" ");
+    if (wrong.length) return { kind: "refused", title: phaseTitle("wrong"), words };
     const target = view.heading_error_deg?.target_deg ?? Infinity;
     const misses = view.verdict !== "refused" && worst !== null && worst > target;
-    const title = isGoodWhileLevel(view, state?.goal ?? "heading") ? WHILE_LEVEL : VERDICTS[view.verdict];
-    return { kind: misses ? "limited" : view.verdict, title: misses ? "Misses the target" : title, words };
+    const title = isGoodWhileLevel(view, state?.goal ?? "heading") ? whileLevelTitle() : verdictTitle(view.verdict);
+    return { kind: misses ? "limited" : view.verdict, title: misses ? phrase("verdict.misses", "Misses the target") : title, words };
+}
+
+/** @returns {string} What to do before the first fit. */
+function turnFirst() {
+    return phrase("finish.turn-first", "turn the sensor through all directions; the first fit comes after some seconds");
 }
 
 /**
@@ -434,7 +440,7 @@ export function judged(finished, state) {
  */
 export function tiltText(deg) {
     if (deg === null) return "–";
-    return deg >= 179.5 ? "any" : deg <= 0 ? "none" : `${Math.floor(deg)}°`;
+    return deg >= 179.5 ? phrase("numbers.any", "any") : deg <= 0 ? phrase("numbers.none", "none") : `${Math.floor(deg)}°`;
 }
 
 /**

@@ -1,6 +1,7 @@
 /** Keyboard shortcuts: one table, also shown in the help. */
 
 import { element, remember, recall } from "./dom.js";
+import { phrase } from "./language.js";
 
 /**
  * A shortcut.
@@ -61,7 +62,7 @@ export function rows(shortcuts) {
     return shortcuts.map(({ keys, words }) => {
         const head = element("dt");
         keys.slice(0, 2).forEach((key, i) => {
-            if (i > 0) head.append(" or ");
+            if (i > 0) head.append(` ${phrase("keys.or", "or")} `);
             key.split("+").filter(Boolean).forEach((part, j) => {
                 if (j > 0) head.append(" ");
                 head.append(element("kbd", part[0].toUpperCase() + part.slice(1)));

@@ -3,6 +3,7 @@
 import { element } from "./dom.js";
 import { legend, palette } from "../../../static/views/colours.js";
 import { svg } from "./views/plot.js";
+import { numeral, phrase } from "./language.js";
 
 /** @typedef {import("./messages.d.ts").SessionState} State */
 /** @typedef {import("../../../static/view.d.ts").View} View */
@@ -38,11 +39,22 @@ export function legendOf(state, view, mode, theme) {
 /** @param {number} target_deg @param {View | null} view @param {Theme} theme @returns {LegendRow[]} */
 function tiles(target_deg, view, theme) {
     /** @type {LegendRow[]} */
-    const rows = legend(target_deg, theme).map(({ colour, words }) => ({ kind: "tile", colour, words }));
+    const rows = legend(target_deg, theme).map(({ colour, words }) => ({ kind: "tile", colour, words: markWords(words) }));
     const hasUnknown = (view?.level_deg ?? view?.tiles_deg)?.some((deg) => deg === null);
-    if (hasUnknown) rows.push({ kind: "tile", colour: palette(theme).unknown, words: "not known" });
-    rows.push({ kind: "hatch", colour: "currentColor", words: "not visited" });
+    if (hasUnknown) rows.push({ kind: "tile", colour: palette(theme).unknown, words: phrase("legend.unknown", "not known") });
+    rows.push({ kind: "hatch", colour: "currentColor", words: phrase("legend.unvisited", "not visited") });
     return rows;
+}
+
+/**
+ * A mark of the legend in the page's language: "0.5° or less".
+ * @param {string} words
+ */
+function markWords(words) {
+    const [deg, ...end] = words.split(" ");
+    const angle = numeral(deg);
+    if (!end.length) return angle;
+    return end[1] === "less" ? phrase("legend.less", "{angle} or less", { angle }) : phrase("legend.more", "{angle} or more", { angle });
 }
 
 /** @param {boolean} isKnown  there is a correction @param {Mode} mode @param {Theme} theme @returns {LegendRow[]} */
@@ -50,8 +62,8 @@ function clouds(isKnown, mode, theme) {
     const { raw, corrected } = palette(theme);
     /** @type {LegendRow[]} */
     const rows = [];
-    if (!isKnown || mode !== "corrected") rows.push({ kind: "dot", colour: raw, words: "raw" });
-    if (isKnown && mode !== "raw") rows.push({ kind: "dot", colour: corrected, words: "corrected" });
+    if (!isKnown || mode !== "corrected") rows.push({ kind: "dot", colour: raw, words: phrase("plot.raw", "raw") });
+    if (isKnown && mode !== "raw") rows.push({ kind: "dot", colour: corrected, words: phrase("plot.corrected", "corrected") });
     return rows;
 }
 
@@ -60,8 +72,8 @@ function leftOut(state, theme) {
     const { rejected, excluded } = palette(theme);
     /** @type {LegendRow[]} */
     const rows = [];
-    if (state?.rejected) rows.push({ kind: "cross", colour: rejected, words: "outliers" });
-    if (state?.excluded_readings) rows.push({ kind: "dot", colour: excluded, words: "left out" });
+    if (state?.rejected) rows.push({ kind: "cross", colour: rejected, words: phrase("plot.outliers", "outliers") });
+    if (state?.excluded_readings) rows.push({ kind: "dot", colour: excluded, words: phrase("legend.left-out", "left out") });
     return rows;
 }
 

@@ -11,6 +11,7 @@ export interface Reason {
   advice: string;
   severity: "info" | "warning";
   spans: Array<[number, number]>;
+  values?: Record<string, any>; // of its sentence in another language
 }
 
 /** A calibration from before, and how far the present one is off it, at the worst level heading. */

@@ -2,6 +2,7 @@
 
 import { adopt, byId, element, Refusal, setText } from "./dom.js";
 import { sentence } from "./views/words.js";
+import { numeral, phrase, translateFixed } from "./language.js";
 
 /**
  * A plan as `flinders.apps.live.planned` gives it.
@@ -27,10 +28,10 @@ const CSS = `
 .plan p { max-width: 40rem; margin-top: 0.5rem; text-wrap: pretty; }
 .plan:not([data-verdict]) :is(ol, .result) { display: none; }`;
 
-const FORM = `<summary>Plan a recording</summary>
-<p class="row"><label>body <select id="plan-body"></select></label>
-<label>noise <input id="plan-noise" type="number" inputmode="decimal" min="0.001" step="any" value="0.5"> µT</label>
-<button type="button" id="plan-ask">Plan</button></p>
+const FORM = `<summary data-phrase="plan.title">Plan a recording</summary>
+<p class="row"><label><span data-phrase="plan.body">body</span> <select id="plan-body"></select></label>
+<label><span data-phrase="plan.noise">noise</span> <input id="plan-noise" type="number" inputmode="decimal" min="0.001" step="any" value="0.5"> µT</label>
+<button type="button" id="plan-ask" data-phrase="plan.ask">Plan</button></p>
 <ol id="plan-steps"></ol><p class="result" id="plan-result" role="status"></p>`;
 
 /**
@@ -44,6 +45,7 @@ export function layPlan(parent, bodies, ask) {
     const plan = element("details", "", "plan");
     plan.id = "plan";
     plan.insertAdjacentHTML("beforeend", FORM);
+    translateFixed(plan);
     parent.append(plan);
     const body = byId("plan-body", HTMLSelectElement);
     body.append(...bodies.map(([name, description]) => new Option(`${name}: ${description}`, name)));
@@ -66,7 +68,7 @@ export function layPlan(parent, bodies, ask) {
  */
 function show(plan, planned) {
     plan.dataset.verdict = planned.verdict;
-    const noise = planned.body ? `With ${planned.noise} µT of noise: ` : "";
+    const noise = planned.body ? phrase("plan.with", "With {noise} µT of noise: ", { noise: numeral(String(planned.noise)) }) : "";
     setText(byId("plan-result", HTMLElement), noise + planned.sentence);
     byId("plan-steps", HTMLElement).replaceChildren(...planned.steps.map((words) => element("li", words)));
 }
@@ -78,9 +80,9 @@ function show(plan, planned) {
  */
 export function askTable(table) {
     return async (body, noise) => {
-        if (!(noise > 0)) throw new Refusal("the noise of a reading is a number above 0, in µT");
+        if (!(noise > 0)) throw new Refusal(phrase("plan.no-number", "the noise of a reading is a number above 0, in µT"));
         const rows = table.filter((row) => row.body === body && row.noise >= noise * (1 - 1e-9));
-        if (!rows.length) throw new Refusal("for so much noise this page has no plan: flinders plan makes one");
+        if (!rows.length) throw new Refusal(phrase("plan.none", "for so much noise this page has no plan: flinders plan makes one"));
         return rows.reduce((least, row) => (row.noise < least.noise ? row : least));
     };
 }

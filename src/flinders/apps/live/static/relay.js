@@ -10,6 +10,7 @@ import { SessionLink, tableOf } from "./standalone/running.js";
 import { Series, Session, knownSite } from "./standalone/session.js";
 import { Unreadable } from "./standalone/tables.js";
 import { readCalibration } from "./standalone/targets.js";
+import { phrase } from "./language.js";
 
 /** @typedef {import("./messages.d.ts").Command} Command */
 /** @typedef {import("./wire.d.ts").FromServer} FromServer */
@@ -146,7 +147,7 @@ export class RelayLink extends SessionLink {
                 break;
             case "unrecorded":
                 this.session.unrecorded = message.words;
-                this.tell(message.words || "what arrives is recorded again", message.words ? "error" : "info");
+                this.tell(message.words || phrase("link.recorded-again", "what arrives is recorded again"), message.words ? "error" : "info");
                 break;
             case "previous":
                 this.#compareWith(message);

@@ -2,6 +2,7 @@
 
 import { byId, element, setList } from "./dom.js";
 import { canCollect } from "./store.js";
+import { numeral, phrase } from "./language.js";
 
 /** @typedef {import("./messages.d.ts").SessionState} State */
 /** @typedef {import("./messages.d.ts").Command} Command */
@@ -25,11 +26,11 @@ export function showRemedies(host, state, send) {
  */
 function remediesOf(state) {
     const { phase, reasons, kept } = state;
-    if (kept?.is_changed) return [["Use all readings", { type: "use_all" }]];
+    if (kept?.is_changed) return [[phrase("remedy.use-all", "Use all readings"), { type: "use_all" }]];
     const spans = phase === "good" ? [] : (reasons.find((reason) => reason.spans.length > 0)?.spans ?? []);
     /** @type {[string, Command][]} */
-    const exclusions = spans.map(([start_s, end_s]) => [`Leave out ${start_s.toFixed(1)}–${end_s.toFixed(1)} s`, { type: "exclude", start_s, end_s }]);
-    return canCollect(state) ? [["Collect more", { type: "collect" }], ...exclusions] : exclusions;
+    const exclusions = spans.map(([start_s, end_s]) => [phrase("remedy.leave-out", "Leave out {start}–{end} s", { start: numeral(start_s.toFixed(1)), end: numeral(end_s.toFixed(1)) }), { type: "exclude", start_s, end_s }]);
+    return canCollect(state) ? [[phrase("collect", "Collect more"), { type: "collect" }], ...exclusions] : exclusions;
 }
 
 /**

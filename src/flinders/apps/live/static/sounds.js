@@ -1,6 +1,7 @@
-/** Sounds for a new area, a completed step, a good calibration and a fault. Off until switched on. */
+/** Sounds for a new area, the arrow nearer, a completed step, a good calibration and a fault. Off until switched on. */
 
-import { remember, recall } from "./dom.js";
+import { correctReading, dot, unit } from "../../../static/views/vectors.js";
+import { recall, remember } from "./dom.js";
 
 /** @typedef {import("./messages.d.ts").SessionState} State */
 /** @typedef {import("../../../static/view.d.ts").View} View */
@@ -13,7 +14,9 @@ const KEY = "flinders-sounds";
 /** Tiles of 642 that make a new area, and the least time between two such sounds, s. */
 const [AREA, AREA_S] = [12, 0.4];
 /** Frequencies one after the other, Hz. */
-const NOTES = { area: [880], step: [660, 880], good: [523, 659, 784], wrong: [220, 165] };
+const NOTES = { area: [880], near: [1319], step: [660, 880], good: [523, 659, 784], wrong: [220, 165] };
+/** Seconds from one beep to the next where the arrow is reached, and where it leads to the other side. */
+const [FASTEST_S, SLOWEST_S] = [0.12, 1.2];
 const [NOTE_S, LOUDNESS] = [0.12, 0.15];
 
 /**
@@ -41,6 +44,20 @@ export function soundOf(before, after) {
     return after.seen - before.seen >= AREA ? "area" : null;
 }
 
+/**
+ * Seconds from one beep to the next, shorter as the field comes nearer to where the arrow leads; null without an arrow.
+ * @param {Lead | null} lead
+ * @param {View | null} view
+ * @param {readonly number[] | null} raw  the newest reading
+ * @returns {number | null}
+ */
+export function beepPeriod(lead, view, raw) {
+    if (lead?.kind !== "arrow" || !lead.target || !view?.shown || !raw) return null;
+    const cosine = dot(lead.target, unit(correctReading(raw, view.shown)));
+    const share = Math.acos(Math.min(Math.max(cosine, -1), 1)) / Math.PI;
+    return FASTEST_S + (SLOWEST_S - FASTEST_S) * share;
+}
+
 export class Sounds {
     /** @param {HTMLInputElement} box  the switch */
     constructor(box) {
@@ -49,6 +66,7 @@ export class Sounds {
         /** @type {Heard | null} */
         this.heard = null;
         this.at = -Infinity;
+        this.beepAt = -Infinity;
         this.isOn = recall(KEY) === "on";
         box.checked = this.isOn;
         box.addEventListener("change", () => this.switch(box.checked));
@@ -67,8 +85,14 @@ export class Sounds {
      * @param {View | null} view
      * @param {Lead | null} lead
      * @param {number} at  seconds
+     * @param {readonly number[] | null} [raw]  the newest reading
      */
-    follow(state, view, lead, at) {
+    follow(state, view, lead, at, raw = null) {
+        const period = beepPeriod(lead, view, raw);
+        if (period !== null && this.isOn && at - this.beepAt >= period) {
+            this.beepAt = at;
+            this.play("near");
+        }
         const after = heardOf(state, view, lead);
         const sound = this.heard && soundOf(this.heard, after);
         if (sound === null && this.heard) {
@@ -76,7 +100,7 @@ export class Sounds {
             return;
         }
         this.heard = after;
-        if (!sound || !this.isOn || (sound === "area" && at - this.at < AREA_S)) return;
+        if (!sound || !this.isOn || (sound === "area" && (period !== null || at - this.at < AREA_S))) return;
         this.at = at;
         this.play(sound);
     }

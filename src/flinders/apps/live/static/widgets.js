@@ -12,6 +12,7 @@ import { heading } from "./views/heading.js";
 import { projections } from "./views/projections.js";
 import { residuals } from "./views/residuals.js";
 import { strength } from "./views/strength.js";
+import { phrase } from "./language.js";
 
 /** @typedef {import("./keys.js").Shortcut} Shortcut */
 /** @typedef {import("./messages.d.ts").SessionState} State */
@@ -142,11 +143,11 @@ function listenForHover({ host }, page) {
  * @returns {WidgetPanel}
  */
 function panelOf(row) {
-    const title = element("h2", row.title);
+    const title = element("h2", phrase(`widget.${row.name}`, row.title));
     title.id = `${row.name}-title`;
     const head = element("div", [title], "head");
     if (row.legend) head.append(legendOf(row.legend));
-    if (row.enlarges) head.append(enlarger(row.enlarges));
+    if (row.enlarges) head.append(enlarger(row.name, row.enlarges));
     const host = element("div", "", row.host ?? "host");
     host.id = row.name;
     const section = element("section", [head, host], `panel ${row.name}`);
@@ -159,18 +160,19 @@ function panelOf(row) {
  * @returns {HTMLElement}
  */
 function legendOf(legend) {
-    const made = element("p", legend.map(([kind, words]) => element("span", words, kind)), "key");
+    const made = element("p", legend.map(([kind, words]) => element("span", phrase(`plot.${words}`, words), kind)), "key");
     made.setAttribute("aria-hidden", "true");
     return made;
 }
 
 /**
+ * @param {string} name  of the widget
  * @param {string} what
  * @returns {HTMLElement}
  */
-function enlarger(what) {
+function enlarger(name, what) {
     const button = element("button", [icon("enlarge")], "square quiet enlarge");
     button.setAttribute("type", "button");
-    button.setAttribute("aria-label", `Enlarge ${what}`);
+    button.setAttribute("aria-label", phrase(`enlarge.${name}`, `Enlarge ${what}`));
     return button;
 }

@@ -3,12 +3,11 @@
 import { byId, Refusal, setText } from "../dom.js";
 import { sentence } from "../views/words.js";
 import { Board, Phone, serial, Simulated } from "./sources.js";
+import { phrase } from "../language.js";
 
 /** @typedef {import("./link.js").OwnLink} OwnLink */
 /** @typedef {import("./link.js").PageData} PageData */
 
-const NO_SERIAL = "This browser cannot open ports: use Chrome or Edge on a computer, or drop a file with the board's output here.";
-const NO_PORT = "No port was chosen. If the board is missing in the list, plug it in, or install its driver.";
 const PASTED = "pasted text";
 
 export class Choice {
@@ -71,9 +70,9 @@ export class Choice {
     /** Let the user choose a port, and read it. */
     async board() {
         const ports = serial();
-        if (!ports) throw new Refusal(NO_SERIAL);
+        if (!ports) throw new Refusal(phrase("start.no-serial", "This browser cannot open ports: use Chrome or Edge on a computer, or drop a file with the board's output here."));
         const port = await ports.requestPort().catch(() => {
-            throw new Refusal(NO_PORT);
+            throw new Refusal(phrase("start.no-port", "No port was chosen. If the board is missing in the list, plug it in, or install its driver."));
         });
         await this.link.use(new Board(ports, port, Number(byId("baud", HTMLSelectElement).value), this.data));
     }

@@ -2,23 +2,24 @@
 
 import { byId, element, setText } from "../dom.js";
 import { sentence } from "../views/words.js";
+import { phrase, translateFixed } from "../language.js";
 
 /** @typedef {import("./tables.js").Asked} Asked */
 /** @typedef {import("./tables.js").Choice} Choice */
 
 const PANEL = `
   <dialog id="columns-panel" class="sheet small" aria-labelledby="columns-title">
-    <div class="head"><h2 id="columns-title">Which columns are the magnetometer?</h2></div>
+    <div class="head"><h2 id="columns-title" data-phrase="columns.title">Which columns are the magnetometer?</h2></div>
     <form id="columns-form" method="dialog">
       <p class="faint" id="columns-words"></p>
-      <div class="scrolls" tabindex="0" role="region" aria-label="First rows"><table class="parameters" id="columns-rows"></table></div>
+      <div class="scrolls" tabindex="0" role="region" aria-label="First rows" data-phrase-label="columns.rows"><table class="parameters" id="columns-rows"></table></div>
       <p class="actions"><label>x <select id="columns-x" required autofocus></select></label> <label>y <select id="columns-y" required></select></label>
-        <label>z <select id="columns-z" required></select></label> <label>in <select id="columns-unit"></select></label></p>
-      <div class="actions end"><button type="button" class="shut">Cancel</button><button value="read" class="primary">Read these columns</button></div>
+        <label>z <select id="columns-z" required></select></label> <label><span data-phrase="columns.in">in</span> <select id="columns-unit"></select></label></p>
+      <div class="actions end"><button type="button" class="shut" data-phrase="cancel">Cancel</button><button value="read" class="primary" data-phrase="columns.read">Read these columns</button></div>
     </form>
   </dialog>`;
 const AXES = ["x", "y", "z"];
-const UNITS = { "": "as named, or counts", uT: "µT" };
+const UNITS = { "": phrase("columns.unit", "as named, or counts"), uT: "µT" };
 
 /**
  * A chip in one of its settings, and the µT of its count.
@@ -32,6 +33,7 @@ export class ColumnDialog {
      */
     constructor(units, chips) {
         document.body.insertAdjacentHTML("beforeend", PANEL);
+        translateFixed(document.body);
         this.dialog = byId("columns-panel", HTMLDialogElement);
         this.table = byId("columns-rows", HTMLTableElement);
         this.axes = AXES.map((axis) => byId(`columns-${axis}`, HTMLSelectElement));
@@ -52,10 +54,10 @@ export class ColumnDialog {
      * @returns {Promise<Choice | null>} Null without a choice.
      */
     ask({ names, rows }, words) {
-        setText(byId("columns-words", HTMLElement), `${sentence(words)} These are the first rows.`);
+        setText(byId("columns-words", HTMLElement), `${sentence(words)} ${phrase("columns.words", "These are the first rows.")}`);
         this.table.replaceChildren(rowOf("th", names), ...rows.map((cells) => rowOf("td", cells)));
-        const all = names.map((name, place) => option(`${place}`, name === `${place + 1}` ? `column ${name}` : `${place + 1}: ${name}`));
-        for (const select of this.axes) select.replaceChildren(option("", "choose …"), ...all.map((each) => each.cloneNode(true)));
+        const all = names.map((name, place) => option(`${place}`, name === `${place + 1}` ? phrase("columns.column", "column {name}", { name }) : `${place + 1}: ${name}`));
+        for (const select of this.axes) select.replaceChildren(option("", phrase("columns.choose", "choose …")), ...all.map((each) => each.cloneNode(true)));
         this.unit.value = "";
         this.mark();
         this.dialog.returnValue = "";
@@ -83,7 +85,7 @@ export class ColumnDialog {
             [...row.cells].forEach((cell, place) => (cell.dataset.axis = AXES[chosen.indexOf(`${place}`)] ?? ""));
         }
         const isTwice = chosen.some((value, i) => value && chosen.indexOf(value) < i);
-        this.axes[2].setCustomValidity(isTwice ? "x, y and z are three different columns" : "");
+        this.axes[2].setCustomValidity(isTwice ? phrase("columns.twice", "x, y and z are three different columns") : "");
     }
 }
 

@@ -25,6 +25,8 @@ import { angle, countWords, fillTemplate, UPSIDE_DOWN } from "./wording.js";
  * @property {string | null} follows_from Code of its cause.
  */
 
+/** Names of values that the plain words of findings take. */
+const IN_PLAIN_WORDS = ["next_movement", "next_step", "corrected_length", "unit"];
 const TILTS = [10, 30, 90];
 /** Severities by the engine's numbers. @type {("" | Severity)[]} */
 const SEVERITIES = ["", "note", "limits", "refuses"];
@@ -104,6 +106,15 @@ function fillWords({ number, limit, values }, words, data) {
     /** @type {Values} */
     const findingOf = { ...values, number, limit, angle: angle(number), seconds: figures(number) };
     return fillTemplate(words, (name) => (WORDS[name] ? WORDS[name](values, data) : findingOf[name]));
+}
+
+/**
+ * Values that the plain words of a finding take beside number and limit.
+ * @param {Finding} finding
+ * @returns {Record<string, unknown>}
+ */
+export function plainValues({ values }) {
+    return Object.fromEntries(IN_PLAIN_WORDS.filter((name) => name in values).map((name) => [name, values[name]]));
 }
 
 /**

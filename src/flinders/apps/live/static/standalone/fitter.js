@@ -1,5 +1,7 @@
 /** Runs fits in a worker, so that they do not block drawing. */
 
+import { phrase } from "../language.js";
+
 /** @typedef {import("./session.js").Evaluated} Evaluated */
 /** @typedef {import("./session.js").Task} Task */
 /** @typedef {{evaluated: Evaluated, seconds: number}} Timed */
@@ -53,7 +55,7 @@ export class Fitter {
 
 /** @param {string} words @returns {string} Message for an internal error. */
 function faultOf(words) {
-    return `these readings could not be fitted in this browser (${words}): save them, and use flinders calibrate`;
+    return phrase("state.not-fitted", "these readings could not be fitted in this browser ({error}): save them, and use flinders calibrate", { error: words });
 }
 
 /**

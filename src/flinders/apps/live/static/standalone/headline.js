@@ -1,68 +1,71 @@
 /** The first sentence of a verdict: `flinders.findings.headline`, whose words are data. */
 
-import { remedyOf, whyOf } from "./findings.js";
+import { numeral, phrase } from "../language.js";
 import { figures, general } from "./numbers.js";
-import { ANY_ANGLE_DEG, fillTemplate, UPSIDE_DOWN } from "./wording.js";
+import { ANY_ANGLE_DEG, anyAngle, fillTemplate, UPSIDE_DOWN } from "./wording.js";
 
-/** @typedef {import("./fit.js").Fit} Fit */
-/** @typedef {import("./findings.js").Finding} Finding */
 /** @typedef {import("../../../../static/view.d.ts").View["verdict"]} Verdict */
+/** @typedef {Pick<import("./data.d.ts").EngineData, "leads" | "reaches"> & {leftOut: string, smallErrorDeg: number}} Tables */
+
+/**
+ * Claim of a fit on headings; NaN for a number that is unknown.
+ * @typedef {{worstDeg: number, boundDeg: number, targetDeg: number, limitDeg: number}} Claim
+ *
+ * First cause of a verdict that is not good: what it affects, and its words.
+ * @typedef {{affects: string, why: string, remedy: string}} Cause
+ */
 
 /**
  * The first sentence of the verdict on a fit.
- * @param {Fit} fit
- * @param {Finding[]} shown First causes.
+ * @param {Claim} claim
+ * @param {Cause | null} cause
  * @param {Verdict} verdict
+ * @param {Tables} tables
  * @returns {string}
  */
-export function headline(fit, shown, verdict) {
-    const { data, targetDeg } = fit;
-    const { leads, reaches, numbers, said } = data;
-    const cause = verdict === "good" ? undefined : shown[0];
-    const kind = kindOf(fit, cause, verdict);
-    const why = cause ? whyOf(cause, data) : "";
+export function headline(claim, cause, verdict, { leads, reaches, leftOut, smallErrorDeg }) {
+    const kind = kindOf(claim, cause, verdict);
     const takes = leads[kind].includes("{reach}") || leads[kind].includes("{beyond}");
-    const [, reach, beyond] = (takes && reaches.find(([end]) => end === null || fit.attitudeLimitDeg < end)) || [0, "", ""];
+    const [, reach, beyond] = (takes && reaches.find(([end]) => end === null || claim.limitDeg < end)) || [0, "", ""];
     /** @type {Record<string, string | number>} */
     const values = {
-        reach: fillTemplate(reach, () => fit.attitudeLimitDeg),
+        reach: fillTemplate(reach, () => claim.limitDeg),
         beyond,
-        error: leads[kind].includes("{error}") ? errorWords(fit) : "",
-        target: `${general(targetDeg)}°`,
-        why: why.charAt(0).toLowerCase() + why.slice(1),
+        error: leads[kind].includes("{error}") ? errorWords(claim) : "",
+        target: `${numeral(general(claim.targetDeg))}°`,
+        why: cause?.why ?? "",
     };
     const lead = `${fillTemplate(leads[kind], (name) => values[name]).replace(/\.$/, "")}.`;
-    const isSmall = kind === "good" && fit.headingError.worst < numbers.SMALL_ERROR_DEG;
-    return [lead, cause ? remedyOf(cause, data) : "", isSmall ? said["left-out"] : ""].filter(Boolean).join(" ");
+    const isSmall = kind === "good" && claim.worstDeg < smallErrorDeg;
+    return [lead, cause?.remedy, isSmall ? leftOut : ""].filter(Boolean).join(" ");
 }
 
 /**
  * Kind of the first sentence of a verdict.
- * @param {Fit} fit
- * @param {Finding | undefined} cause
+ * @param {Claim} claim
+ * @param {Cause | null} cause
  * @param {Verdict} verdict
  * @returns {string}
  */
-function kindOf(fit, cause, verdict) {
+function kindOf({ worstDeg, targetDeg, limitDeg }, cause, verdict) {
     if (!cause) return "good";
-    const affects = fit.data.rows.find(({ code }) => code === cause.code)?.affects ?? "claim";
-    const { worst } = fit.headingError;
+    const { affects } = cause;
     if (verdict === "refused" && affects !== "error") return "refused";
-    if (verdict === "refused") return worst < ANY_ANGLE_DEG ? "refused-error" : "refused-unknown";
-    if (!(worst < ANY_ANGLE_DEG)) return "unknown";
-    const isAbove = worst > fit.targetDeg;
+    if (verdict === "refused") return worstDeg < ANY_ANGLE_DEG ? "refused-error" : "refused-unknown";
+    if (!(worstDeg < ANY_ANGLE_DEG)) return "unknown";
+    const isAbove = worstDeg > targetDeg;
     if (affects === "error" || isAbove) return isAbove && affects !== "claim" ? "error" : "claim";
-    return affects === "attitudes" && fit.attitudeLimitDeg >= UPSIDE_DOWN ? "directions" : affects;
+    return affects === "attitudes" && limitDeg >= UPSIDE_DOWN ? "directions" : affects;
 }
 
 /**
  * The worst heading error, 1 σ, and its bound, with enough digits to differ from the target.
- * @param {Fit} fit
+ * @param {Claim} claim
  * @returns {string}
  */
-function errorWords({ headingError: { worst }, headingBoundDeg, targetDeg }) {
-    if (!(worst < ANY_ANGLE_DEG)) return "any angle";
-    const digits = [2, 3, 4].find((count) => figures(worst, count) !== figures(targetDeg, count)) ?? 2;
-    const bound = headingBoundDeg < ANY_ANGLE_DEG ? `95 % within ${figures(headingBoundDeg)}°` : "1 σ";
-    return `${figures(worst, digits)}° (${bound})`;
+function errorWords({ worstDeg, boundDeg, targetDeg }) {
+    if (!(worstDeg < ANY_ANGLE_DEG)) return anyAngle();
+    const digits = [2, 3, 4].find((count) => figures(worstDeg, count) !== figures(targetDeg, count)) ?? 2;
+    const bound = boundDeg < ANY_ANGLE_DEG ? phrase("error.bound", "95 % within {bound}°", { bound: numeral(figures(boundDeg)) }) : "1 σ";
+    return `${numeral(figures(worstDeg, digits))}° (${bound})`;
 }

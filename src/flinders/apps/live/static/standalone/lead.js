@@ -9,9 +9,10 @@
 import { goesOn } from "../store.js";
 import { between, DRAWN, rotated } from "../../../../static/views/turn.js";
 import { correctReading, dot, unit } from "../../../../static/views/vectors.js";
-import { brief, REASONS, sentence } from "../views/words.js";
+import { brief, faultTitle, sentence } from "../views/words.js";
 import { isOver, progress, SEQUENCES, staysLevel } from "./choreography.js";
 import { gapOf } from "./gaps.js";
+import { languageCode, phrase } from "../language.js";
 
 /** @typedef {import("../messages.d.ts").SessionState} State */
 /** @typedef {import("../../../../static/view.d.ts").View} View */
@@ -54,8 +55,6 @@ const AT_ONCE = ["wrong", "ended", "finished", "wait"];
 const TARGET_ANGLE = 0.3;
 /** Least radius of a gap to be closed, radians; the finding `coverage` begins at 60°. */
 const GAP = 0.96;
-const ENOUGH = "Good enough: press Finish, or keep turning to lift the limits.";
-const AROUND = "Turn it slowly through all directions.";
 
 /**
  * @param {Lead | null} before
@@ -89,16 +88,16 @@ function wantedLead(known) {
     if (state.finished) return plain(...finishedWords(state, view));
     if (!goesOn(state) && state.readings > 0) return plain("ended", endedWords(state, view));
     if (state.phase === "waiting") return plain("wait", "");
-    if (state.paused) return plain("wait", "Paused: press Go on, and turn it again.");
-    if (state.phase === "good") return plain("done", "Done: press Finish, or keep turning to make it better.");
-    if (staysLevel(body) && state.phase === "limited") return plain("done", "Done, for level headings: press Finish.");
+    if (state.paused) return plain("wait", phrase("lead.paused", "Paused: press Go on, and turn it again."));
+    if (state.phase === "good") return plain("done", phrase("lead.done", "Done: press Finish, or keep turning to make it better."));
+    if (staysLevel(body) && state.phase === "limited") return plain("done", phrase("lead.done-level", "Done, for level headings: press Finish."));
     if (!isOver(choreography)) return turn(choreography);
-    if (staysLevel(body)) return plain("around", "One more slow circle, level as before.");
+    if (staysLevel(body)) return plain("around", phrase("lead.circle", "One more slow circle, level as before."));
     const direction = targetOf(known);
-    if (!direction && state.phase === "limited") return plain("done", ENOUGH);
-    if (!direction || !view?.shown || !raw) return plain("around", AROUND);
+    if (!direction && state.phase === "limited") return plain("done", phrase("lead.enough", "Good enough: press Finish, or keep turning to lift the limits."));
+    if (!direction || !view?.shown || !raw) return plain("around", around());
     const { axis } = between(direction, unit(correctReading(raw, view.shown)));
-    return plain("arrow", `Now ${turnAbout(rotated(DRAWN[view.guidance?.frame ?? "sensor"], axis), body)}.`, direction);
+    return plain("arrow", turnAbout(rotated(DRAWN[view.guidance?.frame ?? "sensor"], axis), body), direction);
 }
 
 /**
@@ -122,7 +121,7 @@ function targetOf({ state, view, centres }) {
 function turn(choreography) {
     const { body, step } = choreography;
     const steps = SEQUENCES[body];
-    const { words } = steps[step];
+    const words = phrase(`turn.${body === "phone" ? "board" : body}.${step + 1}`, steps[step].words); // a phone is turned like a board
     return { kind: "turn", words, body, step: step + 1, of: steps.length, progress: progress(choreography), target: null };
 }
 
@@ -133,9 +132,9 @@ function turn(choreography) {
  * @returns {[Lead["kind"], string]}
  */
 function finishedWords({ phase, told, words }, view) {
-    if (phase === "good" || phase === "limited") return ["finished", "Finished: this calibration stays as it is."];
+    if (phase === "good" || phase === "limited") return ["finished", phrase("lead.finished", "Finished: this calibration stays as it is.")];
     if (view === null || told === "fitting") return ["ended", words];
-    return ["ended", `Finished, and it misses the target: press Collect more, and ${goOn(view)}`];
+    return ["ended", phrase("lead.finished-misses", "Finished, and it misses the target: press Collect more, and {next}", { next: goOn(view) })];
 }
 
 /**
@@ -144,12 +143,14 @@ function finishedWords({ phase, told, words }, view) {
  * @param {View | null} view
  */
 function endedWords({ phase, told, words, reasons }, view) {
-    if (phase === "good" || phase === "limited") return "Done: press Finish.";
+    if (phase === "good" || phase === "limited") return phrase("lead.ended-done", "Done: press Finish.");
     if (told === "fitting") return words;
     const disturbed = reasons.find(({ spans }) => spans.length > 0);
-    if (disturbed) return `${REASONS[disturbed.code] ?? ""} Leave the interval out, or record again.`.trim();
-    const now = view === null ? "record again, and" : "press Finish, or record again and";
-    return `The recording has ended: ${now} ${goOn(view)}`;
+    if (disturbed) return `${faultTitle(disturbed.code)} ${phrase("lead.disturbed", "Leave the interval out, or record again.")}`.trim();
+    const next = goOn(view);
+    return view === null
+        ? phrase("lead.ended-none", "The recording has ended: record again, and {next}", { next })
+        : phrase("lead.ended", "The recording has ended: press Finish, or record again and {next}", { next });
 }
 
 /**
@@ -158,8 +159,9 @@ function endedWords({ phase, told, words, reasons }, view) {
  */
 function goOn(view) {
     const guidance = view?.guidance ?? null;
+    if (languageCode() !== "en") return around().replace(/^\p{L}/u, (letter) => letter.toLowerCase());
     const isSaid = guidance && !guidance.is_path && (guidance.direction === null || guidance.frame === "vehicle");
-    const next = isSaid ? sentence(guidance.words) : AROUND;
+    const next = isSaid ? sentence(guidance.words) : around();
     return next.replace(/^\w/, (letter) => letter.toLowerCase());
 }
 
@@ -199,23 +201,24 @@ function standing(before, { choreography }) {
     return isPresent ? progress(choreography) : 1;
 }
 
-/** Words of a turn about each axis, right-handed and left-handed, seen from behind. */
-const TURNS = /** @type {const} */ ([
-    ["raise", "lower"],
-    ["raise its left side", "raise its right side"],
-    ["turn it to the left", "turn it to the right"],
-]);
+/** @returns {string} The advice where no direction is better than the others. */
+function around() {
+    return phrase("lead.around", "Turn it slowly through all directions.");
+}
 
 /** The end that points away from the user. @type {Readonly<Record<Body, string>>} */
-const FRONTS = { board: "its far edge", phone: "its top", drone: "its nose", car: "its nose", boat: "its bow", instrument: "its front" };
+export const FRONTS = { board: "its far edge", phone: "its top", drone: "its nose", car: "its nose", boat: "its bow", instrument: "its front" };
 
 /**
- * Words of a turn about its main axis.
+ * Words of a turn about its main axis, right-handed or left-handed, seen from behind.
  * @param {Vector} axis  to its right, to its front, out of its face
  * @param {Body} body
  */
 function turnAbout(axis, body) {
     const main = [0, 1, 2].reduce((most, i) => (Math.abs(axis[i]) > Math.abs(axis[most]) ? i : most), 0);
-    const words = TURNS[main][axis[main] < 0 ? 1 : 0];
-    return main === 0 ? `${words} ${FRONTS[body]}` : words;
+    const isLeft = axis[main] < 0;
+    const front = phrase(`front.${body}`, FRONTS[body]);
+    if (main === 0) return isLeft ? phrase("arrow.lower", "Now lower {front}.", { front }) : phrase("arrow.raise", "Now raise {front}.", { front });
+    if (main === 1) return isLeft ? phrase("arrow.right-side", "Now raise its right side.") : phrase("arrow.left-side", "Now raise its left side.");
+    return isLeft ? phrase("arrow.right", "Now turn it to the right.") : phrase("arrow.left", "Now turn it to the left.");
 }

@@ -15,6 +15,7 @@ import { Board, unitOf } from "./sources.js";
 import { sessionState } from "./state.js";
 import { Unclear, Unreadable } from "./tables.js";
 import { calibrationFile, exported, NotExportable, readCalibration, targetsOf } from "./targets.js";
+import { inEnglish, phrase } from "../language.js";
 
 /** @typedef {import("./running.js").Finished} Finished */
 /** @typedef {import("./running.js").Listener} Listener */
@@ -47,7 +48,6 @@ import { calibrationFile, exported, NotExportable, readCalibration, targetsOf } 
  */
 
 const UPLOAD_BYTES = 64 << 20;
-const NONE_YET = "There is no calibration yet.";
 const IN_BROWSER = "this browser";
 /** Style of a report. */
 const SHEET = "static/report.css";
@@ -87,7 +87,7 @@ export class OwnLink extends SessionLink {
         this.onChange = () => {};
         keeper.onFull = () => {
             this.session.recording = "";
-            this.tell("The browser's storage is full: save the readings with Finish, Readings.", "error");
+            this.tell(phrase("link.full", "The browser's storage is full: save the readings with Finish, Readings."), "error");
         };
         queueMicrotask(() => this.renew());
     }
@@ -195,17 +195,17 @@ export class OwnLink extends SessionLink {
     /** The report of the latest calibration. */
     async report() {
         const finished = this.made?.shown;
-        if (!finished?.view) throw new Refusal(finished?.refusal || NONE_YET);
+        if (!finished?.view) throw new Refusal(finished?.refusal || noneYet());
         const sheet = await fetch(SHEET);
-        if (!sheet.ok) throw new Refusal(`The page's ${SHEET} cannot be had (${sheet.status}): load the page again.`);
+        if (!sheet.ok) throw new Refusal(phrase("link.no-sheet", "The page's {file} cannot be had ({status}): load the page again.", { file: SHEET, status: sheet.status }));
         const { field } = this.session.task(Infinity);
-        const reported = { finished, state: sessionState(this.session), field, version: this.data.version };
-        return new Blob([reportPage(reported, await sheet.text())]);
+        const style = await sheet.text();
+        return inEnglish(() => new Blob([reportPage({ finished, state: sessionState(this.session), field, version: this.data.version }, style)]));
     }
 
     /** Send the calibration to the board of the readings. */
     async sendToBoard() {
-        if (!(this.source instanceof Board) || this.session.opened) throw new Refusal("This source cannot receive a calibration: save it, or paste the export.");
+        if (!(this.source instanceof Board) || this.session.opened) throw new Refusal(phrase("link.no-board", "This source cannot receive a calibration: save it, or paste the export."));
         const packet = exported(this.data, PACKET, this.calibrationMade()).binary_base64 ?? "";
         return `${this.source.name}: ${await send(this.source, bytesOf(packet))}`;
     }
@@ -222,7 +222,7 @@ export class OwnLink extends SessionLink {
 
     /** Return the latest calibration. */
     calibrationMade() {
-        if (!this.made?.calibration) throw new Refusal(this.made?.shown.refusal || NONE_YET);
+        if (!this.made?.calibration) throw new Refusal(this.made?.shown.refusal || noneYet());
         return this.made.calibration;
     }
 
@@ -238,7 +238,7 @@ export class OwnLink extends SessionLink {
         this.drain();
         const isOther = source.kind !== session.source.kind || source.name !== session.source.name;
         if (isOther && this.isUnsaved) {
-            throw new Refusal(`There are readings of ${session.source.name}: save them with Finish, Readings, and press Start again first.`);
+            throw new Refusal(phrase("link.unsaved", "There are readings of {name}: save them with Finish, Readings, and press Start again first.", { name: session.source.name }));
         }
         if (this.source) {
             await this.source.stop();
@@ -290,7 +290,7 @@ export class OwnLink extends SessionLink {
         const { name, kind, unit } = kept;
         if (edits) this.session.adopt(this.now, edits);
         this.session.arrived(this.now, kept, unit);
-        const words = `these are the readings of ${name} from before this page was loaded again: choose it as source to go on`;
+        const words = phrase("link.kept", "these are the readings of {name} from before this page was loaded again: choose it as source to go on", { name });
         this.show({ name, kind, link: "ended", words });
         this.tell(words);
     }
@@ -367,4 +367,9 @@ function calibrationOf(view, unit, name) {
         raw: { unit: unit.recorded, scale: unit.scale },
         about: [`from ${name}`, `the calibration is ${verdict}. ${sentence}`, ...limits],
     };
+}
+
+/** @returns {string} */
+function noneYet() {
+    return phrase("line.none-yet", "There is no calibration yet.");
 }

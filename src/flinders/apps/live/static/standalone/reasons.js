@@ -2,9 +2,9 @@
 
 import { correctedVectors, threes } from "./coverage.js";
 import { dot, unit } from "../../../../static/views/vectors.js";
-import { figures, general } from "./numbers.js";
-import { adviceOf, firstCauses } from "./findings.js";
-import { countWords } from "./wording.js";
+import { figures, general, groupText } from "./numbers.js";
+import { adviceOf, firstCauses, plainValues } from "./findings.js";
+import { phrase } from "../language.js";
 
 /** @typedef {import("../messages.d.ts").Reason} Reason */
 /** @typedef {import("./fit.js").Fit} Fit */
@@ -45,10 +45,11 @@ const OTHER_UNITS = { T: 1e-6, mT: 1e-3, G: 1e-2, mG: 10, nT: 1e3 };
  * @param {string} advice
  * @param {Reason["severity"]} severity
  * @param {Reason["spans"]} spans
+ * @param {Reason["values"]} values  of its sentence in another language
  * @returns {Reason}
  */
-function reason(code, advice, severity = "warning", spans = []) {
-    return { code, advice, severity, spans };
+function reason(code, advice, severity = "warning", spans = [], values = {}) {
+    return { code, advice, severity, spans, values };
 }
 
 /**
@@ -57,8 +58,8 @@ function reason(code, advice, severity = "warning", spans = []) {
  * @returns {Reason[]}
  */
 export function ofRefusal({ code, words }) {
-    if (code === "stuck-axis" || code === "out-of-scale") return [reason(code, words)];
-    return [reason(code === "unmoved" ? "no-rotation" : code, words, "info")];
+    if (code === "stuck-axis" || code === "out-of-scale") return [reason(code, words, "warning", [], { refusal: code })];
+    return [reason(code === "unmoved" ? "no-rotation" : code, words, "info", [], { refusal: code })];
 }
 
 /**
@@ -80,12 +81,24 @@ export function ofFit(fit, findings, { time }) {
         const { code, severity } = finding;
         if (isAlarm.has(code) && severity !== "note" && (isConverged || AT_ONCE.includes(code))) {
             const of = DISTURBED.includes(code) ? spans : [];
-            return [reason(code, adviceOf(finding, fit.data), of.length ? "info" : "warning", of)];
+            return [ofFinding(finding, fit, of.length ? "info" : "warning", of)];
         }
-        return INFORMATION.includes(code) ? [reason(code, adviceOf(finding, fit.data), "info")] : [];
+        return INFORMATION.includes(code) ? [ofFinding(finding, fit, "info")] : [];
     });
     const isFlat = findings.some(({ code }) => code === "one-plane");
     return isConverged && !isFlat ? [...reasons, ...ofUnit(fit)] : reasons;
+}
+
+/**
+ * @param {Finding} finding
+ * @param {Fit} fit
+ * @param {Reason["severity"]} severity
+ * @param {Reason["spans"]} [spans]
+ * @returns {Reason}
+ */
+function ofFinding(finding, { data }, severity, spans = []) {
+    const { code, number, limit } = finding;
+    return reason(code, adviceOf(finding, data), severity, spans, { number, limit, values: plainValues(finding) });
 }
 
 /**
@@ -124,9 +137,20 @@ function ofUnit({ unit, surface: { radius }, data: { numbers } }) {
     const [low, high] = [numbers.EARTH_WEAKEST, numbers.EARTH_STRONGEST];
     if (unit === "counts" || (low <= radius && radius <= high)) return [];
     const likely = Object.entries(OTHER_UNITS).find(([, factor]) => low <= radius / factor && radius / factor <= high);
-    const hint = likely ? `as readings in ${likely[0]} would be; try ${likely[0]} as their unit` : "check unit and scale";
-    const found = `the field is ${figures(radius, 3)} µT, and the earth's ${general(low)} to ${general(high)} µT`;
-    return [reason("wrong-unit", `${found}: ${hint}. Headings do not depend on it`)];
+    const values = { strength: figures(radius, 3), low: general(low), high: general(high), unit: likely?.[0] ?? "" };
+    const words = likely
+        ? phrase(
+              "reason.other-unit",
+              "the field is {strength} µT, and the earth's {low} to {high} µT: as readings in {unit} would be; try {unit} as their " +
+                  "unit. Headings do not depend on it",
+              values,
+          )
+        : phrase(
+              "reason.wrong-unit",
+              "the field is {strength} µT, and the earth's {low} to {high} µT: check unit and scale. Headings do not depend on it",
+              values,
+          );
+    return [reason("wrong-unit", words, "warning", [], likely ? { ...values, phrase: "other-unit" } : values)];
 }
 
 /**
@@ -141,29 +165,40 @@ export function ofMotion({ field, time }, fit, isFlat) {
     if (!count) return [];
     const last = time[count - 1];
     const same = equalAtTheEnd(field, [0, 1, 2]);
-    if (same >= STALE_ROWS && last - time[count - same] >= STALE_S) return [reason("stale", staleWords(same))];
+    if (same >= STALE_ROWS && last - time[count - same] >= STALE_S) return [stale(groupText(same))];
     const frozen = frozenAxis({ field, time });
-    if (frozen) return [reason("frozen-axis", frozenWords(frozen))];
+    if (frozen) return [frozenReason(frozen)];
     if (!fit || isFlat || !(last - time[0] > STILL_S)) return [];
     const newest = field.filter((_, i) => time[Math.floor(i / 3)] >= last - STILL_S);
     if (newest.length <= 9 || widestDeg(correctedVectors(newest, fit.surface)) >= STILL_DEG) return [];
-    return [reason("no-rotation", `it has not been turned for ${general(STILL_S)} s`, "info")];
+    return [still({ seconds: general(STILL_S) })];
 }
 
-/** @param {number} same  readings */
-function staleWords(same) {
-    return (
-        `the last ${countWords(same, "reading")} are all the same: the sensor has stopped measuring, or a loop prints faster than ` +
-        "it is read; check its wiring and its mode"
+/** @param {string} count  of readings @returns {Reason} */
+function stale(count) {
+    const words = phrase(
+        "reason.stale",
+        "the last {count} readings are all the same: the sensor has stopped measuring, or a loop prints faster than it is read; " +
+            "check its wiring and its mode",
+        { count },
     );
+    return reason("stale", words, "warning", [], { count });
 }
 
-/** @param {{axis: string, seconds: string}} frozen */
-function frozenWords({ axis, seconds }) {
-    return (
-        `axis ${axis} has been the same for ${seconds} s while the others change: turn the sensor another way, and where ` +
-        "that does not wake it, the sensor or its wiring is at fault; then start again"
+/** @param {{axis: string, seconds: string}} frozen @returns {Reason} */
+function frozenReason(frozen) {
+    const words = phrase(
+        "reason.frozen-axis",
+        "axis {axis} has been the same for {seconds} s while the others change: turn the sensor another way, and where that does " +
+            "not wake it, the sensor or its wiring is at fault; then start again",
+        frozen,
     );
+    return reason("frozen-axis", words, "warning", [], frozen);
+}
+
+/** @param {{seconds: string}} values @returns {Reason} */
+function still(values) {
+    return reason("no-rotation", phrase("reason.no-rotation", "it has not been turned for {seconds} s", values), "info", [], values);
 }
 
 /**

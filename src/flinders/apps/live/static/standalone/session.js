@@ -8,6 +8,7 @@ import { Exclusions, mergeSpans, ReadingBuffer, Timeline } from "./buffer.js";
 import { siteField } from "./geomag.js";
 import { fixedText, general } from "./numbers.js";
 import { fillTemplate } from "./wording.js";
+import { numeral, phrase } from "../language.js";
 
 /** @typedef {import("./buffer.js").Rows} Rows */
 /** @typedef {import("./buffer.js").Span} Span */
@@ -121,9 +122,6 @@ const NO_FIT = { key: -1, view: null, refusal: "", refusalCode: "", reasons: [],
 /** Later than all times, s. */
 const END = 1e9;
 const MAX_DIP_DEG = 89;
-const FULL = "too many stretches are left out: leave out one longer stretch over several, or put some back";
-const A_LOG = "a log is shown, which receives no readings: go back to the sensor first";
-const FINISHED = "the calibration is finished: press Collect more first";
 
 /** Readings of the sensor, or of a log, with their edits and fits. */
 export class Series {
@@ -524,14 +522,15 @@ export class Session {
         const { strength, inclinationDeg } = siteField(model, latitude, longitude, year);
         const dipDeg = Number(fixedText(inclinationDeg, 1));
         if (Math.abs(dipDeg) > MAX_DIP_DEG) {
-            return [notice(`the dip there is ${general(dipDeg)}°: no compass works where it is beyond ${MAX_DIP_DEG}°`, "warning")];
+            return [notice(phrase("session.steep", "the dip there is {dip}°: no compass works where it is beyond {limit}°", { dip: numeral(general(dipDeg)), limit: MAX_DIP_DEG }), "warning")];
         }
         this.shown.site = { strength, gain_sigma, inclination_deg: inclinationDeg, inclination_sigma_deg };
         this.shown.within = [];
         this.#refit();
         this.#wish("dipDeg", inclinationDeg);
-        const where = `the dip at ${general(latitude)}°, ${general(longitude)}° is ${general(dipDeg)}°`;
-        return [notice(`${where}, the strength of the field ${fixedText(strength, 1)} µT (${model.name})`, "info")];
+        const values = { latitude: general(latitude), longitude: general(longitude), dip: general(dipDeg), strength: fixedText(strength, 1) };
+        const texts = Object.fromEntries(Object.entries(values).map(([name, text]) => [name, numeral(text)]));
+        return [notice(phrase("session.place", "the dip at {latitude}°, {longitude}° is {dip}°, the strength of the field {strength} µT ({model})", { ...texts, model: model.name }), "info")];
     }
 
     /**
@@ -563,7 +562,7 @@ export class Session {
      */
     #edit(edit) {
         const exclusions = edit(this.shown.exclusions);
-        if (exclusions === this.shown.exclusions) return exclusions.isFull ? [notice(FULL, "warning")] : [];
+        if (exclusions === this.shown.exclusions) return exclusions.isFull ? [notice(phrase("session.full", "too many stretches are left out: leave out one longer stretch over several, or put some back"), "warning")] : [];
         this.shown.exclusions = exclusions;
         this.#useAll();
         this.#refit();
@@ -589,8 +588,8 @@ export class Session {
      */
     #pause(paused) {
         const { live } = this;
-        if (this.opened !== null) return [notice(A_LOG, "warning")];
-        if (live.finishedS !== null) return [notice(FINISHED, "warning")];
+        if (this.opened !== null) return [notice(phrase("session.log", "a log is shown, which receives no readings: go back to the sensor first"), "warning")];
+        if (live.finishedS !== null) return [notice(phrase("session.finished", "the calibration is finished: press Collect more first"), "warning")];
         if (paused === (live.pausedAt !== null)) return [];
         const { total, seconds } = live.buffer;
         if (paused) {
@@ -641,10 +640,10 @@ export class Session {
 
     /** Restart without readings. */
     #clear() {
-        if (this.opened !== null) return [notice("a log is shown, which cannot be started again: go back to the sensor first", "warning")];
+        if (this.opened !== null) return [notice(phrase("session.log-again", "a log is shown, which cannot be started again: go back to the sensor first"), "warning")];
         const { buffer, begunS } = this.live;
         this.#begin(buffer.total > 0 ? buffer.seconds : begunS);
-        return [notice("started again", "info")];
+        return [notice(phrase("session.started", "started again"), "info")];
     }
 
     /** @param {number | null} begunS  time of the last discarded reading */
@@ -828,10 +827,12 @@ export function notice(words, severity) {
  */
 function placeRefusal(latitude, longitude) {
     const isSwapped = Math.abs(latitude) <= 180 && Math.abs(longitude) <= 90;
-    const swapped = isSwapped ? "; the latitude comes first" : "";
-    if (!(Math.abs(latitude) <= 90)) return `latitude is ${general(latitude)}°: need −90° to 90°${swapped}`;
+    const swapped = isSwapped ? phrase("place.swapped", "; the latitude comes first") : "";
+    if (!(Math.abs(latitude) <= 90)) {
+        return phrase("place.no-latitude", "latitude is {latitude}°: need −90° to 90°{swapped}", { latitude: numeral(general(latitude)), swapped });
+    }
     if (longitude >= -180 && longitude <= 360) return "";
-    return `longitude is ${general(longitude)}°: need −180° to 180°, east positive`;
+    return phrase("place.no-longitude", "longitude is {longitude}°: need −180° to 180°, east positive", { longitude: numeral(general(longitude)) });
 }
 
 /**
@@ -842,8 +843,8 @@ function placeRefusal(latitude, longitude) {
  */
 function yearRefusal({ name, epoch, years }, year) {
     if (year >= epoch && year <= epoch + years) return "";
-    const begin = `${general(year)} lies outside ${name}, from ${general(epoch)} to ${general(epoch + years)}`;
-    return `${begin}: look up the inclination at your place, and type it as dip`;
+    const values = { year: general(year), model: name, from: general(epoch), to: general(epoch + years) };
+    return phrase("place.other-year", "{year} lies outside {model}, from {from} to {to}: look up the inclination at your place, and type it as dip", values);
 }
 
 /**
@@ -922,8 +923,8 @@ export function knownSite(site) {
  * @returns {string}
  */
 function refusalOf(command) {
-    if (command.type === "target" && !(command.deg > 0 && command.deg <= 180)) return "the target is an angle above 0°, up to 180°";
-    if (command.type === "dip" && !(Math.abs(command.deg) <= MAX_DIP_DEG)) return `the dip is an angle from −${MAX_DIP_DEG}° to ${MAX_DIP_DEG}°`;
+    if (command.type === "target" && !(command.deg > 0 && command.deg <= 180)) return phrase("session.target", "the target is an angle above 0°, up to 180°");
+    if (command.type === "dip" && !(Math.abs(command.deg) <= MAX_DIP_DEG)) return phrase("session.dip", "the dip is an angle from −{limit}° to {limit}°", { limit: MAX_DIP_DEG });
     const hasSpan = command.type === "exclude" || command.type === "restore";
-    return hasSpan && !(command.start_s < command.end_s) ? "a stretch that is left out needs a start before its end" : "";
+    return hasSpan && !(command.start_s < command.end_s) ? phrase("session.stretch", "a stretch that is left out needs a start before its end") : "";
 }

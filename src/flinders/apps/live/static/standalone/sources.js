@@ -3,6 +3,7 @@
 import { Refusal } from "../dom.js";
 import { accelerationOf, LineReader } from "./lines.js";
 import { MICROTESLA } from "./session.js";
+import { phrase } from "../language.js";
 
 /** @typedef {import("../messages.d.ts").Notice} Notice */
 /** @typedef {import("../messages.d.ts").SourceState} SourceState */
@@ -83,7 +84,7 @@ export class Board {
         try {
             await this.port.open({ baudRate: this.baudRate, bufferSize: PORT_BYTES });
         } catch (error) {
-            throw new Refusal(`The port cannot be opened: close other programs that use it, such as a serial monitor. (${words(error)})`);
+            throw new Refusal(phrase("source.port", "The port cannot be opened: close other programs that use it, such as a serial monitor. ({error})", { error: words(error) }));
         }
         this.ports.addEventListener("connect", this.plugged);
         this.timer = window.setInterval(() => this.watch(), WATCH_MS);
@@ -118,7 +119,7 @@ export class Board {
         }
         if (this.isStopped) return;
         await this.port.close().catch(() => {});
-        this.feed?.link("gone", "the board is gone: plug it in again, and the page goes on");
+        this.feed?.link("gone", phrase("source.unplugged", "the board is gone: plug it in again, and the page goes on"));
     }
 
     /**
@@ -127,11 +128,11 @@ export class Board {
      */
     async write(bytes) {
         const writer = this.port.writable?.getWriter();
-        if (!writer) throw new Refusal("The board is gone: plug it in, and send again.");
+        if (!writer) throw new Refusal(phrase("source.board-gone", "The board is gone: plug it in, and send again."));
         try {
             await writer.write(bytes);
         } catch (error) {
-            throw new Refusal(`The board did not take it: plug it in, and send again. (${words(error)})`);
+            throw new Refusal(phrase("source.not-taken", "The board did not take it: plug it in, and send again. ({error})", { error: words(error) }));
         } finally {
             writer.releaseLock();
         }
@@ -151,7 +152,7 @@ export class Board {
         this.feed?.take({ time, field: rows.flatMap(({ field }) => field), acceleration: accelerationOf(rows) }, unitOf(this.lines));
         if (this.lines.words === this.said) return;
         this.said = this.lines.words;
-        this.feed?.tell(`understood as ${this.said}`);
+        this.feed?.tell(phrase("source.understood", "understood as {form}", { form: this.said }));
     }
 
     /**
@@ -188,20 +189,25 @@ export class Board {
         } catch {
             return; // not ready yet, or used by another program: the user can choose it again
         }
-        this.feed?.link("connected", "the board is back");
+        this.feed?.link("connected", phrase("source.back", "the board is back"));
         this.read();
     }
 }
 
-const NO_SENSOR =
-    "This browser gives pages no magnetometer. Chrome on Android does, over https, once “Experimental Web Platform " +
-    "features” is switched on in chrome://flags.";
+/** @returns {string} */
+function noSensor() {
+    return phrase(
+        "source.no-sensor",
+        "This browser gives pages no magnetometer. Chrome on Android does, over https, once “Experimental Web Platform " +
+            "features” is switched on in chrome://flags.",
+    );
+}
 
 /** The magnetometer of a phone, if the browser gives access. */
 export class Phone {
     /** @throws {Refusal} If the browser gives no access. */
     constructor() {
-        if (!("Magnetometer" in window)) throw new Refusal(NO_SENSOR);
+        if (!("Magnetometer" in window)) throw new Refusal(noSensor());
         this.name = "the sensor of this phone";
         this.kind = /** @type {const} */ ("phone");
         this.sensor = /** @type {any} */ (null);
@@ -231,9 +237,9 @@ export class Phone {
 /** @param {unknown} error */
 function refusedSensor(error) {
     const name = error instanceof Error ? error.name : "";
-    if (name === "NotAllowedError") return "the browser was not allowed to use the motion sensors: allow them in its settings for this site";
-    if (name === "SecurityError") return "the browser gives its sensors to pages over https only, and not to frames of other pages";
-    return `this device has no magnetometer that a page can read (${words(error)})`;
+    if (name === "NotAllowedError") return phrase("source.not-allowed", "the browser was not allowed to use the motion sensors: allow them in its settings for this site");
+    if (name === "SecurityError") return phrase("source.https", "the browser gives its sensors to pages over https only, and not to frames of other pages");
+    return phrase("source.no-magnetometer", "this device has no magnetometer that a page can read ({error})", { error: words(error) });
 }
 
 /**

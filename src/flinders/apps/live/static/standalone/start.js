@@ -1,43 +1,44 @@
 /** First view of the page without a server: the choice of a source. */
 
 import { adopt, byId } from "../dom.js";
+import { translateFixed } from "../language.js";
 
 const PANEL = `
     <section class="start" id="start" aria-labelledby="start-title" hidden>
-      <div class="head"><h2 id="start-title">Calibrate a magnetometer</h2>
-        <button type="button" id="start-close" class="square quiet" aria-label="Close" hidden><svg class="icon" aria-hidden="true"><use href="#i-close"/></svg></button></div>
-      <p class="lead">Turn the sensor through all directions, watch the heading error fall, and take the calibration with you. It is computed in this browser, and nothing is sent anywhere.</p>
+      <div class="head"><h2 id="start-title" data-phrase="start.title">Calibrate a magnetometer</h2>
+        <button type="button" id="start-close" class="square quiet" aria-label="Close" data-phrase-label="close" hidden><svg class="icon" aria-hidden="true"><use href="#i-close"/></svg></button></div>
+      <p class="lead" data-phrase="start.words">Turn the sensor through all directions, watch the heading error fall, and take the calibration with you. It is computed in this browser, and nothing is sent anywhere.</p>
       <p class="answer" id="start-answer" role="alert"></p>
       <div class="choices">
         <section class="panel" aria-labelledby="start-board">
-          <h3 id="start-board">A board</h3>
-          <p>It prints its magnetometer over USB, in about any form.</p>
-          <p class="row"><button type="button" id="use-board" class="primary">Connect a board</button>
-            <label class="baud"><span class="faint">baud</span>
+          <h3 id="start-board" data-phrase="start.board">A board</h3>
+          <p data-phrase="start.board.words">It prints its magnetometer over USB, in about any form.</p>
+          <p class="row"><button type="button" id="use-board" class="primary" data-phrase="start.board.button">Connect a board</button>
+            <label class="baud"><span class="faint" data-phrase="start.baud">baud</span>
               <select id="baud"><option>9600</option><option>19200</option><option>38400</option><option>57600</option><option selected>115200</option><option>230400</option><option>250000</option><option>460800</option><option>500000</option><option>921600</option><option>1000000</option><option>2000000</option></select></label></p>
         </section>
         <section class="panel" aria-labelledby="start-log">
-          <h3 id="start-log">A log</h3>
-          <p>A table, or what a board printed: drop the file anywhere on this page, or paste the text.</p>
-          <p class="row"><button type="button" id="use-log">Choose a file…</button>
-            <textarea id="paste" rows="1" aria-label="Text of a log" placeholder="or paste it here" spellcheck="false"></textarea></p>
+          <h3 id="start-log" data-phrase="start.log">A log</h3>
+          <p data-phrase="start.log.words">A table, or what a board printed: drop the file anywhere on this page, or paste the text.</p>
+          <p class="row"><button type="button" id="use-log" data-phrase="compare.choose">Choose a file…</button>
+            <textarea id="paste" rows="1" aria-label="Text of a log" data-phrase-label="start.paste.label" placeholder="or paste it here" data-phrase-placeholder="start.paste" spellcheck="false"></textarea></p>
         </section>
         <section class="panel" aria-labelledby="start-phone">
-          <h3 id="start-phone">This phone</h3>
-          <p>Its own magnetometer, where the browser lets pages read it.</p>
-          <p class="row"><button type="button" id="use-phone">Use its sensor</button></p>
+          <h3 id="start-phone" data-phrase="start.phone">This phone</h3>
+          <p data-phrase="start.phone.words">Its own magnetometer, where the browser lets pages read it.</p>
+          <p class="row"><button type="button" id="use-phone" data-phrase="start.phone.button">Use its sensor</button></p>
         </section>
         <section class="panel" aria-labelledby="start-simulation">
-          <h3 id="start-simulation">Nothing at hand</h3>
-          <p>A simulated sensor in a hand shows how it goes.</p>
-          <p class="row"><button type="button" id="use-simulation">Simulate a sensor</button></p>
+          <h3 id="start-simulation" data-phrase="start.simulation">Nothing at hand</h3>
+          <p data-phrase="start.simulation.words">A simulated sensor in a hand shows how it goes.</p>
+          <p class="row"><button type="button" id="use-simulation" data-phrase="start.simulation.button">Simulate a sensor</button></p>
         </section>
       </div>
       <section class="panel" id="start-plan" aria-label="Plan"></section>
     </section>`;
 
 const BUTTON = `
-    <button type="button" id="connect" title="Source of the readings"><svg class="icon" aria-hidden="true"><use href="#i-send"/></svg><span>Source</span></button>`;
+    <button type="button" id="connect" title="Source of the readings" data-phrase-title="start.source.title"><svg class="icon" aria-hidden="true"><use href="#i-send"/></svg><span data-phrase="start.source">Source</span></button>`;
 
 const CSS = `
 [data-start] :is(.board > :not(.start), .source, #open, #pause, #clear, #finish) { display: none; }
@@ -65,4 +66,5 @@ export function layChoice() {
     adopt(CSS);
     document.querySelector(".board")?.insertAdjacentHTML("afterbegin", PANEL);
     byId("open", HTMLElement).insertAdjacentHTML("beforebegin", BUTTON);
+    translateFixed(document);
 }

@@ -1,10 +1,12 @@
 /** State of a session in words and numbers, for the page. */
 
-import { capital, clock } from "../views/words.js";
+import { capital, clock, sourceTitle } from "../views/words.js";
 import { strideFor } from "./buffer.js";
 import { figures, fixedText, general } from "./numbers.js";
 import { labelOf } from "./session.js";
 import { ANY_ANGLE_DEG } from "./wording.js";
+import { numeral, phrase } from "../language.js";
+import { conditionOf, reasonWords, refusalWords, sentenceOf } from "../verdict_words.js";
 
 /** @typedef {import("./session.js").Session} Session */
 /** @typedef {import("../messages.d.ts").Reason} Reason */
@@ -89,7 +91,7 @@ function phaseOf(session) {
     const wrong = reasons.find(({ severity }) => severity === "warning");
     if (wrong) return ["wrong", sentence(wrong.advice), wrong.code, reasons];
     if (session.shown.buffer.total === 0 && session.source.link !== "ended") {
-        return ["waiting", `Waiting for readings from ${session.source.name}.`, null, reasons];
+        return ["waiting", phrase("state.waiting", "Waiting for readings from {name}.", { name: sourceTitle(session.source.name) }), null, reasons];
     }
     const { view } = session.shown.evaluated;
     if (view === null) return ["collecting", ...beforeAFit(session), reasons];
@@ -104,17 +106,25 @@ function phaseOf(session) {
  */
 function ofKept(session, { view, seconds }) {
     const [, newest, , reasons] = phaseOf(session);
-    const worst = figures(session.worstDeg(view) ?? NaN);
-    const good = `Good: the worst ${errorOf(session)} to expect is ${worst}° (${bound(session, view)}).`;
-    const held = `${view.verdict === "good" ? good : view.sentence} That is of what came up to ${clock(seconds)}, which is kept.`;
+    const time = clock(seconds);
+    const good = phrase("state.good", "Good: {done}.", { done: expectedError(session, view) });
+    const verdict = view.verdict === "good" ? good : sentenceOf(view);
+    const held = phrase("state.kept", "{verdict} That is of what came up to {time}, which is kept.", { verdict, time });
     const told = /** @type {Reason[]} */ (reasons.map((reason) => ({ ...reason, severity: "info" })));
-    const changed = { code: "changed-since", advice: `something changed since ${clock(seconds)}: ${newest}`, severity: /** @type {const} */ ("info"), spans: [] };
+    const changed = { code: "changed-since", advice: phrase("state.changed", "something changed since {time}: {newest}", { time, newest }), severity: /** @type {const} */ ("info"), spans: [] };
     return [view.verdict === "good" ? "good" : "limited", held, null, session.isChanged ? [changed, ...told] : told];
 }
 
-/** @param {Session} session */
-function errorOf({ goal }) {
-    return goal === "heading" ? "heading error" : "error at any attitude";
+/**
+ * The error to expect, and the bound of all headings where headings are the goal.
+ * @param {Session} session
+ * @param {View} view
+ */
+function expectedError(session, view) {
+    const values = { error: numeral(figures(session.worstDeg(view) ?? NaN)), bound: bound(session, view) };
+    return session.goal === "heading"
+        ? phrase("state.heading-error", "the worst heading error to expect is {error}° ({bound})", values)
+        : phrase("state.attitude-error", "the worst error at any attitude to expect is {error}° ({bound})", values);
 }
 
 /**
@@ -124,8 +134,11 @@ function errorOf({ goal }) {
  */
 function currentReasons(session) {
     /** @type {(reason: Reason) => Reason} */
-    const soFar = ({ code, advice }) => ({ code, advice: `so far ${advice}`, severity: "info", spans: [] });
-    const reasons = session.shown.evaluated.reasons.map((reason) => (session.isSettled(reason.code) ? reason : soFar(reason)));
+    const worded = (reason) => ({ code: reason.code, advice: reasonWords(reason), severity: reason.severity, spans: reason.spans });
+    /** @type {(reason: Reason) => Reason} */
+    const soFar = ({ code, advice }) => ({ code, advice: phrase("state.so-far", "so far {advice}", { advice }), severity: "info", spans: [] });
+    const all = session.shown.evaluated.reasons.map(worded);
+    const reasons = all.map((reason) => (session.isSettled(reason.code) ? reason : soFar(reason)));
     return reasons.sort((a, b) => Number(a.severity !== "warning") - Number(b.severity !== "warning"));
 }
 
@@ -137,21 +150,26 @@ function currentReasons(session) {
  */
 function ofView(session, view) {
     const { alarms } = session.shown.evaluated;
-    const target = `the target ${general(session.targetDeg)}°`;
+    const target = numeral(general(session.targetDeg));
     const worst = session.worstDeg(view);
-    if (worst === null) return ["collecting", view.sentence];
+    if (worst === null) return ["collecting", sentenceOf(view)];
     if (worst > session.targetDeg) {
-        const known = worst < ANY_ANGLE_DEG ? `the worst error to expect is ${figures(worst)}° (1 σ)` : "no heading is known yet";
-        return ["collecting", `${isEnded(session) ? "Misses the target" : "Keep turning"}: ${known}, ${target}.`];
+        const known = worst < ANY_ANGLE_DEG
+            ? phrase("state.known", "the worst error to expect is {error}° (1 σ)", { error: numeral(figures(worst)) })
+            : phrase("state.unknown", "no heading is known yet");
+        return ["collecting", isEnded(session)
+            ? phrase("state.misses", "Misses the target: {known}, the target {target}°.", { known, target })
+            : phrase("state.keep-turning", "Keep turning: {known}, the target {target}°.", { known, target })];
     }
-    const done = `the worst ${errorOf(session)} to expect is ${figures(worst)}° (${bound(session, view)}), ${target}`;
+    const done = phrase("state.done", "{expected}, the target {target}°", { expected: expectedError(session, view), target });
     if (!alarms.every((code) => session.isSettled(code))) {
-        return ["collecting", `Keep turning: ${done}, but a fault was found that more readings may disprove.`];
+        return ["collecting", phrase("state.fault", "Keep turning: {done}, but a fault was found that more readings may disprove.", { done })];
     }
-    if (view.verdict === "refused") return ["wrong", view.sentence];
-    if (!isSure(session)) return ["collecting", `Almost: ${done}; keep turning a little.`];
-    if (view.verdict === "limited") return ["limited", view.sentence];
-    return ["good", `Good: ${done}.${view.condition && ` ${sentence(view.condition)}`}`];
+    if (view.verdict === "refused") return ["wrong", sentenceOf(view)];
+    if (!isSure(session)) return ["collecting", phrase("state.almost", "Almost: {done}; keep turning a little.", { done })];
+    if (view.verdict === "limited") return ["limited", sentenceOf(view)];
+    const good = phrase("state.good", "Good: {done}.", { done });
+    return ["good", view.condition ? `${good} ${sentence(conditionOf(view))}` : good];
 }
 
 /**
@@ -168,7 +186,7 @@ function isEnded({ opened, source, shown }) {
  * @param {View} view
  */
 function bound({ goal }, { heading_error_deg: error }) {
-    return goal !== "heading" || error === null ? "1 σ" : `95 % within ${figures(error.bound_95)}°`;
+    return goal !== "heading" || error === null ? "1 σ" : phrase("error.bound", "95 % within {bound}°", { bound: numeral(figures(error.bound_95)) });
 }
 
 /**
@@ -186,15 +204,17 @@ function isSure({ shown, isRepeated, isOver }) {
  */
 function beforeAFit(session) {
     const { buffer, evaluated } = session.shown;
-    if (buffer.total === 0) return [`${session.source.name} has ended without a reading.`, null];
+    if (buffer.total === 0) return [phrase("state.no-reading", "{name} has ended without a reading.", { name: sourceTitle(session.source.name) }), null];
     if (evaluated.reasons.some(({ code }) => code === "no-rotation")) {
-        return [isEnded(session) ? "The sensor was not turned." : "Start turning: turn the sensor slowly through all directions.", null];
+        return [isEnded(session)
+            ? phrase("state.not-turned", "The sensor was not turned.")
+            : phrase("state.start", "Start turning: turn the sensor slowly through all directions."), null];
     }
     if (!evaluated.refusal) {
-        if (isEnded(session)) return ["Looking at the readings.", "fitting"];
-        return ["Looking at the first readings. Turn the sensor slowly through all directions.", null];
+        if (isEnded(session)) return [phrase("state.looking", "Looking at the readings."), "fitting"];
+        return [phrase("state.looking-first", "Looking at the first readings. Turn the sensor slowly through all directions."), null];
     }
-    return [sentence(evaluated.refusal), evaluated.refusalCode || null];
+    return [sentence(refusalWords(evaluated.refusalCode, evaluated.refusal)), evaluated.refusalCode || null];
 }
 
 /**
@@ -212,18 +232,19 @@ function recordingReasons({ unrecorded: advice }) {
  * @returns {Reason[]}
  */
 function ofLink({ source, live: { buffer, finishedS }, at, arrivedAt, rules }) {
-    const { link, name, words } = source;
+    const { link, words } = source;
+    const name = sourceTitle(source.name);
     const since = at - arrivedAt;
     const wrong = finishedS === null ? "warning" : "info";
     /** @type {(code: string, advice: string, severity?: Reason["severity"]) => Reason[]} */
     const reason = (code, advice, severity = wrong) => [{ code, advice, severity, spans: [] }];
-    if (link === "gone") return reason("gone", words || `${name} is gone: check the cable`);
+    if (link === "gone") return reason("gone", words || phrase("reason.gone", "{name} is gone: check the cable", { name }));
     const patience = Math.max(rules.silent_s, buffer.total ? (rules.silent_steps * buffer.seconds) / buffer.total : 0);
     if (link === "waiting" && buffer.total === 0 && words) return reason("nothing-arrives", words);
     if (["connected", "waiting"].includes(link) && buffer.total > 0 && since > patience) {
         return reason("nothing-arrives", nothingArrives(name, since), arrivedAt ? wrong : "info");
     }
-    return link === "ended" ? reason("ended", words || `${name} has ended`, "info") : [];
+    return link === "ended" ? reason("ended", words || phrase("reason.ended", "{name} has ended", { name }), "info") : [];
 }
 
 /**
@@ -232,9 +253,11 @@ function ofLink({ source, live: { buffer, finishedS }, at, arrivedAt, rules }) {
  * @param {number} since
  */
 function nothingArrives(name, since) {
-    return (
-        `no reading has come for ${fixedText(since, 0)} s from ${name}: check that the sensor is on and prints ` +
-        "its readings, and that port, cable and baud rate are right"
+    return phrase(
+        "reason.nothing-arrives",
+        "no reading has come for {seconds} s from {name}: check that the sensor is on and prints its readings, and that port, cable " +
+            "and baud rate are right",
+        { seconds: fixedText(since, 0), name },
     );
 }
 

@@ -38,5 +38,9 @@ async function clean() {
 async function found(request) {
     const cache = await caches.open(version);
     const isPage = request.mode === "navigate" && /\/(index\.html)?$/.test(new URL(request.url).pathname);
-    return (await cache.match(isPage ? scope : request, { ignoreSearch: true })) ?? fetch(request);
+    const cached = await cache.match(isPage ? scope : request, { ignoreSearch: true });
+    if (cached) return cached;
+    const answer = await fetch(request);
+    if (answer.ok && request.url.startsWith(scope + PAGE.kept)) cache.put(request, answer.clone()); // a language that is in use
+    return answer;
 }

@@ -2,7 +2,7 @@
 
 import { guide, isIdle, nextMovement } from "./advice.js";
 import { correctedVectors, threes, tileCounts, tilesOf } from "./coverage.js";
-import { adviceOf, firstCauses, stepWords, verdictOf } from "./findings.js";
+import { adviceOf, firstCauses, plainValues, remedyOf, stepWords, verdictOf, whyOf } from "./findings.js";
 import { headline } from "./headline.js";
 import { tiles } from "./tiles.js";
 import { ANY_ANGLE_DEG } from "./wording.js";
@@ -37,7 +37,7 @@ export function viewOf(fit, findings, { field, numbers, goal, frame }) {
     const turn = fit.turn;
     return {
         verdict,
-        sentence: headline(fit, shown, verdict),
+        sentence: sentenceOf(fit, shown, verdict),
         condition: fit.data.resting[fit.judgement.conditions],
         method: fit.method,
         unit: fit.unit,
@@ -53,6 +53,23 @@ export function viewOf(fit, findings, { field, numbers, goal, frame }) {
 }
 
 /**
+ * The first sentence of the verdict.
+ * @param {Fit} fit
+ * @param {Finding[]} shown  first causes
+ * @param {View["verdict"]} verdict
+ * @returns {string}
+ */
+function sentenceOf({ data, targetDeg, headingError, headingBoundDeg, attitudeLimitDeg }, shown, verdict) {
+    const { leads, reaches, numbers, said, rows } = data;
+    const [first] = verdict === "good" ? [] : shown;
+    const why = first ? whyOf(first, data) : "";
+    const affects = rows.find(({ code }) => code === first?.code)?.affects ?? "claim";
+    const cause = first ? { affects, why: why.charAt(0).toLowerCase() + why.slice(1), remedy: remedyOf(first, data) } : null;
+    const claim = { worstDeg: headingError.worst, boundDeg: headingBoundDeg, targetDeg, limitDeg: attitudeLimitDeg };
+    return headline(claim, cause, verdict, { leads, reaches, leftOut: said["left-out"], smallErrorDeg: numbers.SMALL_ERROR_DEG });
+}
+
+/**
  * A finding with its sentence.
  * @param {Finding} finding
  * @param {import("./data.d.ts").EngineData} data
@@ -60,7 +77,7 @@ export function viewOf(fit, findings, { field, numbers, goal, frame }) {
  */
 function viewOfFinding(finding, data) {
     const { code, severity, number, limit } = finding;
-    return { code, severity, number: finiteOrNull(number), limit: finiteOrNull(limit), advice: adviceOf(finding, data) };
+    return { code, severity, number: finiteOrNull(number), limit: finiteOrNull(limit), advice: adviceOf(finding, data), values: plainValues(finding) };
 }
 
 const UNTOLD = {

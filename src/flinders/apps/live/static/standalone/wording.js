@@ -1,6 +1,7 @@
 /** Fills templates of Python with numbers and words. */
 
 import { figures, fixedText, general, groupText } from "./numbers.js";
+import { numeral, phrase } from "../language.js";
 
 /** Angle from which on a heading is undetermined, degrees. */
 export const ANY_ANGLE_DEG = 90;
@@ -23,7 +24,12 @@ export function countWords(number, noun) {
  * @returns {string}
  */
 export function angle(degrees) {
-    return degrees < ANY_ANGLE_DEG ? `${figures(degrees)}°` : "any angle";
+    return degrees < ANY_ANGLE_DEG ? `${numeral(figures(degrees))}°` : anyAngle();
+}
+
+/** @returns {string} An angle that says nothing. */
+export function anyAngle() {
+    return phrase("error.any-angle", "any angle");
 }
 
 /** @type {Record<string, (value: number, digits: number) => string>} */
@@ -58,6 +64,6 @@ function formatNumber(value, specification) {
 export function fillTemplate(template, valueOf) {
     return template.replace(/\{(\w+)(?:![rs])?(?::([^}]*))?\}/g, (_, name, specification = "") => {
         const value = valueOf(name);
-        return typeof value === "string" ? value : formatNumber(value, specification);
+        return typeof value === "string" ? value : numeral(formatNumber(value, specification));
     });
 }

@@ -1,5 +1,7 @@
 /** Marks a span of time in a chart, by mouse, by finger (sideways), or by the arrow keys. */
 
+import { phrase } from "../language.js";
+
 /** @typedef {import("./charts.js").Chart} Chart */
 
 /**
@@ -38,7 +40,7 @@ export class Brush {
         root.classList.add("brushable");
         root.tabIndex = 0;
         root.setAttribute("role", "application");
-        root.setAttribute("aria-roledescription", "chart with a span of time to mark");
+        root.setAttribute("aria-roledescription", phrase("plot.brush", "chart with a span of time to mark"));
         root.setAttribute("aria-keyshortcuts", "ArrowLeft ArrowRight Shift+ArrowLeft Shift+ArrowRight Escape");
         root.addEventListener("pointerdown", (event) => this.begin(event));
         root.addEventListener("pointermove", (event) => this.move(event));

@@ -3,7 +3,8 @@
 import { element } from "../dom.js";
 import { drawChart, nothing, tick } from "./charts.js";
 import { freest, path, roundUp } from "./plot.js";
-import { degrees } from "./words.js";
+import { compassPoints, degrees } from "./words.js";
+import { numeral, phrase } from "../language.js";
 
 /** @typedef {import("../../../../static/view.d.ts").View} View */
 /** @typedef {import("./plot.js").Panel} Panel */
@@ -22,15 +23,17 @@ function drawDeviation(panel, view, target, isRaw) {
     const turn = view?.turn ?? null;
     const largest = turn ? Math.max(...turn.before_deg.map(Math.abs)) : NaN;
     const worst = turn ? largestOf(turn.sigma_deg ?? []) : NaN;
-    const said = turn ? `: raw compass off by up to ${degrees(largest)}, after correction ${degrees(worst)} at the worst` : ", none yet";
-    if (!panel.begin(`Deviation over heading${said}`)) return;
+    const said = turn
+        ? phrase("deviation.known", "Deviation over heading: raw compass off by up to {raw}, after correction {corrected} at the worst", { raw: degrees(largest), corrected: degrees(worst) })
+        : phrase("deviation.none", "Deviation over heading, none yet");
+    if (!panel.begin(said)) return;
     const box = { left: 3.3 * panel.em, right: panel.width - 0.9 * panel.em, top: 1.1 * panel.em, bottom: panel.height - 1.5 * panel.em };
     const toX = (/** @type {number} */ heading) => box.left + ((box.right - box.left) * heading) / 360;
-    ["N", "E", "S", "W", "N"].forEach((name, i) => {
+    [...compassPoints(), compassPoints()[0]].forEach((name, i) => {
         panel.draw("path", { class: "grid", d: `M${toX(90 * i)} ${box.top}V${box.bottom}` });
         tick(panel, toX(90 * i), box.bottom + 1.15 * panel.em, name, "middle");
     });
-    if (!turn) nothing(panel, "after the first fit");
+    if (!turn) nothing(panel, phrase("plot.after-fit", "after the first fit"));
     else if (isRaw) drawRaw(panel, turn, box, toX);
     else drawLeft(panel, turn, target, box, toX);
 }
@@ -51,7 +54,7 @@ function drawRaw(panel, turn, box, toX) {
         return wraps ? [/** @type {const} */ ([NaN, NaN]), point] : [point];
     });
     panel.draw("path", { class: "raw", d: path(raw) });
-    tick(panel, box.left, 0.75 * panel.em, "raw", "start", "name");
+    tick(panel, box.left, 0.75 * panel.em, phrase("plot.raw", "raw"), "start", "name");
 }
 
 /**
@@ -72,13 +75,13 @@ function drawLeft(panel, turn, target, box, toX) {
         panel.draw("path", { class: "band", d: `${path(curve)}L${box.right} ${toY(0)}L${box.left} ${toY(0)}Z` });
         panel.draw("path", { class: "corrected", d: path(curve) });
     }
-    tick(panel, box.left, 0.75 * panel.em, "corrected, 1 σ", "start", "name");
+    tick(panel, box.left, 0.75 * panel.em, phrase("plot.corrected-sigma", "corrected, 1 σ"), "start", "name");
     if (!target) return;
     const level = toY(target);
     panel.draw("path", { class: "target", d: `M${box.left} ${level}H${box.right}` });
     const lines = [level - 0.3 * panel.em, level + 1.05 * panel.em];
     const within = lines.filter((y) => y - 0.6 * panel.em >= box.top && y <= box.bottom - 0.2 * panel.em);
-    const place = freest(places(panel, box, within, "target"), curve);
+    const place = freest(places(panel, box, within, phrase("plot.target", "target")), curve);
     if (place) tick(panel, place.x + place.wide / 2, place.y, place.words, "middle", "aim");
 }
 
@@ -142,7 +145,7 @@ function degreeAxis(panel, box, marked, both) {
  * @returns {string} Without trailing zeros.
  */
 function shortest(deg) {
-    return `${String(Number(deg.toPrecision(4))).replace("-", "\u2212")}°`;
+    return numeral(`${String(Number(deg.toPrecision(4))).replace("-", "\u2212")}°`);
 }
 
 /**
@@ -159,7 +162,7 @@ export const deviation = {
     on: ["view", "state"],
     enlarges: "the deviation",
     begin({ head, host }) {
-        const button = element("button", "Raw");
+        const button = element("button", phrase("mode.raw", "Raw"));
         button.setAttribute("type", "button");
         button.setAttribute("aria-pressed", "false");
         button.addEventListener("click", () => {

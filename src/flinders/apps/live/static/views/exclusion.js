@@ -2,6 +2,7 @@
 
 import { setText } from "../dom.js";
 import { singleKeys } from "../keys.js";
+import { phrase, translateFixed } from "../language.js";
 
 /** @typedef {import("../messages.d.ts").SessionState} State */
 /** @typedef {import("../widgets.js").Page} Page */
@@ -10,13 +11,13 @@ import { singleKeys } from "../keys.js";
 const FORM = `
     <form class="cut" id="cut">
       <span class="span" id="span" hidden>
-        <label><span class="visually-hidden">from, seconds</span><input id="from" type="number" step="any" min="0" inputmode="decimal"></label>–<label><span class="visually-hidden">to, seconds</span><input id="to" type="number" step="any" min="0" inputmode="decimal"></label> s
-        <button type="button" id="restore" title="Put this stretch back (B)">Put back</button>
-        <button type="button" id="uncut" class="square quiet" aria-label="Take the mark away" title="Take the mark away (Esc)"><svg class="icon" aria-hidden="true"><use href="#i-close"/></svg></button>
+        <label><span class="visually-hidden" data-phrase="span.from">from, seconds</span><input id="from" type="number" step="any" min="0" inputmode="decimal"></label>–<label><span class="visually-hidden" data-phrase="span.to">to, seconds</span><input id="to" type="number" step="any" min="0" inputmode="decimal"></label> s
+        <button type="button" id="restore" title="Put this stretch back (B)" data-phrase-title="span.back.title" data-phrase="span.back">Put back</button>
+        <button type="button" id="uncut" class="square quiet" aria-label="Take the mark away" data-phrase-label="span.unmark" title="Take the mark away (Esc)" data-phrase-title="span.unmark.title"><svg class="icon" aria-hidden="true"><use href="#i-close"/></svg></button>
       </span>
-      <button type="submit" id="exclude" title="Leave a stretch of time out (X)">Leave out…</button>
-      <button type="button" id="undo" class="square quiet" title="Undo (Z)" aria-label="Undo" disabled><svg class="icon" aria-hidden="true"><use href="#i-undo"/></svg></button>
-      <button type="button" id="redo" class="square quiet" title="Redo (Shift+Z)" aria-label="Redo" disabled><svg class="icon" aria-hidden="true"><use href="#i-redo"/></svg></button>
+      <button type="submit" id="exclude" title="Leave a stretch of time out (X)" data-phrase-title="span.leave-out.title" data-phrase="span.leave-out-of">Leave out…</button>
+      <button type="button" id="undo" class="square quiet" title="Undo (Z)" data-phrase-title="span.undo.title" aria-label="Undo" data-phrase-label="span.undo" disabled><svg class="icon" aria-hidden="true"><use href="#i-undo"/></svg></button>
+      <button type="button" id="redo" class="square quiet" title="Redo (Shift+Z)" data-phrase-title="span.redo.title" aria-label="Redo" data-phrase-label="span.redo" disabled><svg class="icon" aria-hidden="true"><use href="#i-redo"/></svg></button>
     </form>`;
 
 export class Exclusion {
@@ -30,6 +31,7 @@ export class Exclusion {
         this.mark = mark;
         const enlarge = head.querySelector(".enlarge");
         head.insertAdjacentHTML("beforeend", FORM);
+        translateFixed(head);
         const form = /** @type {HTMLFormElement} */ (head.querySelector("form"));
         if (enlarge) form.append(enlarge);
         const field = (/** @type {string} */ id) => /** @type {HTMLInputElement} */ (form.querySelector(`#${id}`));
@@ -46,10 +48,10 @@ export class Exclusion {
         this.undo.addEventListener("click", () => page.send({ type: "undo" }));
         this.redo.addEventListener("click", () => page.send({ type: "redo" }));
         this.shortcuts = [
-            { keys: ["x", "delete"], words: "mark a stretch of time; again: leave it out", act: () => this.leaveOut() },
-            { keys: ["b"], words: "put the marked stretch back", act: () => this.putBack() },
-            { keys: ["z", "ctrl+z"], words: "undo", act: () => page.send({ type: "undo" }) },
-            { keys: ["shift+z", "ctrl+y", "ctrl+shift+z"], words: "redo", act: () => page.send({ type: "redo" }) },
+            { keys: ["x", "delete"], words: phrase("keys.mark", "mark a stretch of time; again: leave it out"), act: () => this.leaveOut() },
+            { keys: ["b"], words: phrase("keys.back", "put the marked stretch back"), act: () => this.putBack() },
+            { keys: ["z", "ctrl+z"], words: phrase("keys.undo", "undo"), act: () => page.send({ type: "undo" }) },
+            { keys: ["shift+z", "ctrl+y", "ctrl+shift+z"], words: phrase("keys.redo", "redo"), act: () => page.send({ type: "redo" }) },
         ];
     }
 
@@ -98,7 +100,7 @@ export class Exclusion {
     showMark(start_s, end_s) {
         const none = start_s === null || end_s === null;
         this.fields.hidden = none;
-        setText(this.exclude, none ? "Leave out…" : "Leave out");
+        setText(this.exclude, none ? phrase("span.leave-out-of", "Leave out…") : phrase("span.leave-out", "Leave out"));
         if (none) return;
         this.from.value = start_s.toFixed(2);
         this.to.value = end_s.toFixed(2);
@@ -114,7 +116,7 @@ export class Exclusion {
         if (this.fields.hidden) return null;
         const [start_s, end_s] = [this.from.valueAsNumber, this.to.valueAsNumber];
         if (Number.isFinite(start_s) && Number.isFinite(end_s) && start_s < end_s) return { start_s, end_s };
-        this.page.notify("warning", "The stretch needs a beginning and a later end, in seconds.");
+        this.page.notify("warning", phrase("span.refused", "The stretch needs a beginning and a later end, in seconds."));
         return null;
     }
 
@@ -133,7 +135,7 @@ export class Exclusion {
         const { count, time } = this.page.store.points;
         const end = count > 0 ? time[count - 1] : 0;
         if (!(end > 0)) {
-            this.page.notify("info", "There are no readings yet to leave out.");
+            this.page.notify("info", phrase("span.empty", "There are no readings yet to leave out."));
             return;
         }
         this.showMark(0.45 * end, 0.55 * end);

@@ -6,6 +6,7 @@
 import { cssOf, errorColour } from "../../../../static/views/colours.js";
 import { path, svg } from "./plot.js";
 import { degrees } from "./words.js";
+import { numeral, phrase } from "../language.js";
 
 const LEFT_DEG = -112;
 const RIGHT_DEG = 112;
@@ -35,7 +36,7 @@ function gaugeAngle(deg, target) {
 }
 
 /** Widths of characters of the large type, in its size; all others are digits. */
-const WIDTHS = /** @type {Readonly<Record<string, number>>} */ ({ ".": 0.37, " ": 0.33, ">": 0.82 });
+const WIDTHS = /** @type {Readonly<Record<string, number>>} */ ({ ".": 0.37, ",": 0.37, " ": 0.33, ">": 0.82 });
 const [DIGIT, DEGREE] = [0.67, 0.33];
 
 /**
@@ -61,8 +62,8 @@ export function gauge(host, { rms, worst, target }, theme = "dark") {
     }
     const said =
         worst === null
-            ? "Predicted heading error unknown"
-            : `Predicted heading error ${degrees(worst)} at the worst heading, ${degrees(rms)} rms; target ${degrees(target)}`;
+            ? phrase("gauge.unknown", "Predicted heading error unknown")
+            : phrase("gauge.known", "Predicted heading error {worst} at the worst heading, {rms} rms; target {target}", { worst: degrees(worst), rms: degrees(rms), target: degrees(target) });
     host.setAttribute("role", "img");
     host.setAttribute("aria-label", said);
     turn(host, ".worst", worst, target);
@@ -124,7 +125,7 @@ function dial(target, theme) {
  * @returns {string} 0.5°, 1°, 10°, without trailing zeros.
  */
 function number(deg) {
-    return `${Number(deg.toPrecision(2))}°`;
+    return numeral(`${Number(deg.toPrecision(2))}°`);
 }
 
 /**

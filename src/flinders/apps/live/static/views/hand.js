@@ -9,6 +9,7 @@ import { NAMES, SHAPES } from "./bodies.js";
 import { svg } from "./plot.js";
 import { Attitude, between, LEVEL, product, rotated, rotation } from "../../../../static/views/turn.js";
 import { cross, dot, minus } from "../../../../static/views/vectors.js";
+import { phrase } from "../language.js";
 
 /** @typedef {import("../../../../static/views/vectors.js").Vector} Vector */
 /** @typedef {import("../../../../static/views/turn.js").Rotation} Rotation */
@@ -154,7 +155,7 @@ export function turnTowards(hold, target, field) {
 
 /** @param {Body} body */
 export function nameOf(body) {
-    return NAMES[body];
+    return phrase(`body.${body}`, NAMES[body]);
 }
 
 /**

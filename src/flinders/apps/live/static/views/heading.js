@@ -8,7 +8,8 @@
 import { element, setText } from "../dom.js";
 import { svg } from "./plot.js";
 import { correctReading, cross } from "../../../../static/views/vectors.js";
-import { compass } from "./words.js";
+import { compass, compassPoints } from "./words.js";
+import { phrase } from "../language.js";
 
 /** @typedef {import("../../../../static/views/vectors.js").Vector} Vector */
 
@@ -66,15 +67,15 @@ function positiveDegrees(angle) {
  * @param {{raw_deg: number | null, corrected_deg: number | null, tilt: number | null}} headings
  */
 function dial(host, { raw_deg, corrected_deg, tilt }) {
-    if (!host.querySelector(".rose")) host.replaceChildren(rose("raw", "Raw"), rose("corrected", "Corrected"), element("p", "", "tilt"));
+    if (!host.querySelector(".rose")) host.replaceChildren(rose("raw", phrase("mode.raw", "Raw")), rose("corrected", phrase("mode.corrected", "Corrected")), element("p", "", "tilt"));
     point(host, "raw", raw_deg);
     point(host, "corrected", corrected_deg);
     const words = host.querySelector(".tilt");
-    const level = tilt === null ? "taken as level" : `tilt ${Math.round(tilt)}°, removed`;
+    const level = tilt === null ? phrase("heading.level", "taken as level") : phrase("heading.tilt", "tilt {tilt}°, removed", { tilt: Math.round(tilt) });
     const off =
         raw_deg === null || corrected_deg === null
             ? ""
-            : `raw is ${Math.abs(Math.round(difference(corrected_deg, raw_deg)))}° off`;
+            : phrase("heading.off", "raw is {off}° off", { off: Math.abs(Math.round(difference(corrected_deg, raw_deg))) });
     const said = raw_deg === null ? "" : [off, level].filter(Boolean).join(" · ");
     if (words) setText(words, said);
 }
@@ -95,7 +96,7 @@ function rose(kind, title) {
         mark.setAttribute("transform", `rotate(${deg})`);
         drawing.append(mark);
     }
-    ["N", "E", "S", "W"].forEach((name, i) => {
+    compassPoints().forEach((name, i) => {
         const angle = (i * Math.PI) / 2;
         drawing.append(svg("text", { class: "point", x: 60 * Math.sin(angle), y: -60 * Math.cos(angle) + 9.5, "text-anchor": "middle" }, name));
     });

@@ -6,6 +6,7 @@ import { advance, begin, BODIES, skipNeedless, SEQUENCES } from "../standalone/c
 import { lead } from "../standalone/lead.js";
 import { Hand, nameOf, portrait, turnTowards } from "./hand.js";
 import { DRAWN, LEVEL, product } from "../../../../static/views/turn.js";
+import { phrase } from "../language.js";
 
 /** @typedef {import("../messages.d.ts").SessionState} State */
 /** @typedef {import("../../../../static/view.d.ts").View} View */
@@ -87,9 +88,9 @@ export class LeadView {
         this.open = element("button", "", "quiet in-hand");
         this.open.setAttribute("aria-expanded", "false");
         this.open.addEventListener("click", () => this.#toggle(this.choices.hidden));
-        this.choices = element("div", [element("p", "What is in your hand?"), ...BODIES.map((body) => this.#choice(body, redraw))], "bodies");
+        this.choices = element("div", [element("p", phrase("hand.question", "What is in your hand?")), ...BODIES.map((body) => this.#choice(body, redraw))], "bodies");
         this.choices.setAttribute("role", "radiogroup");
-        this.choices.setAttribute("aria-label", "What is in your hand");
+        this.choices.setAttribute("aria-label", phrase("hand.label", "What is in your hand"));
         this.choices.hidden = guide.chosen !== null;
         this.host.append(this.caption, this.open, this.choices);
         this.since = -1; // time of the drawn arrow
@@ -177,6 +178,6 @@ export class LeadView {
 
 /** @param {Lead} now */
 function captionOf({ kind, step, of }) {
-    if (kind === "turn") return `Step ${step} of ${of}`;
-    return kind === "arrow" ? "Towards missing directions" : "";
+    if (kind === "turn") return phrase("hand.step", "Step {step} of {of}", { step, of });
+    return kind === "arrow" ? phrase("hand.arrow", "Towards missing directions") : "";
 }

@@ -6,6 +6,7 @@ import { nearestOf } from "../../../../static/views/nearest.js";
 import { path, quantiles, roundUp, themeColour, tickDecimals, ticks } from "./plot.js";
 import { correctReading, determinant, dot, inverseOf } from "../../../../static/views/vectors.js";
 import { fixedText } from "./words.js";
+import { phrase } from "../language.js";
 
 /** @typedef {import("./charts.js").Chart} Chart */
 /** @typedef {import("../messages.d.ts").SessionState} State */
@@ -34,8 +35,10 @@ const EXTENT_SAMPLES = 1500;
 function drawProjections(chart, points, view, state) {
     const { panel } = chart;
     const shown = view?.shown ?? null;
-    const after = shown ? "and corrected, with the circle they should lie in" : "with no correction yet";
-    if (!panel.begin(`Readings seen along each axis, raw ${after}`)) return;
+    const label = shown
+        ? phrase("projections.both", "Readings seen along each axis, raw and corrected, with the circle they should lie in")
+        : phrase("projections.raw", "Readings seen along each axis, raw with no correction yet");
+    if (!panel.begin(label)) return;
     const kinds = new Uint8Array(points.count);
     mark(kinds, points, view?.rejected ?? [], state?.excluded ?? []);
     const image = panel.pixels();
@@ -155,7 +158,7 @@ function drawSquare(chart, image, box, pair, domain, what) {
     if (left_out.length > 0) inside.append(crosses(panel, left_out));
     tick(panel, box.x + box.side, box.y + box.side + 0.95 * panel.em, name, "end", "name");
     tick(panel, box.x + 0.4 * panel.em, box.y + panel.em, pair[3], "start", "name");
-    if (what.row !== "both") tick(panel, box.x + box.side - 0.4 * panel.em, box.y + panel.em, what.row, "end", what.row);
+    if (what.row !== "both") tick(panel, box.x + box.side - 0.4 * panel.em, box.y + panel.em, phrase(`plot.${what.row}`, what.row), "end", what.row);
     const { field } = what.points;
     const places = (/** @type {number} */ j) => {
         const raw = [field[3 * j], field[3 * j + 1], field[3 * j + 2]];

@@ -6,6 +6,7 @@ import { nearestOf } from "../../../../static/views/nearest.js";
 import { path, tickDecimals, ticks } from "./plot.js";
 import { correctReading } from "../../../../static/views/vectors.js";
 import { fixedText, significant } from "./words.js";
+import { phrase } from "../language.js";
 
 /** @typedef {import("../../../../static/view.d.ts").View} View */
 /** @typedef {import("./charts.js").Chart} Chart */
@@ -22,12 +23,12 @@ function drawHistogram(chart, view, points) {
     const residuals = view?.residuals ?? null;
     const known = residuals !== null && residuals.counts.length > 0 && residuals.edges.length > residuals.counts.length;
     const noise = known ? (view?.noise ?? null) : null;
-    const said = noise === null ? "none yet" : `standard deviation ${fixedText(noise, 3)} ${view?.unit ?? ""}`;
-    if (!panel.begin(`Distances of the readings from the sphere, ${said}`)) return;
+    const said = noise === null ? phrase("residuals.none", "none yet") : phrase("residuals.noise", "standard deviation {noise} {unit}", { noise: fixedText(noise, 3), unit: view?.unit ?? "" });
+    if (!panel.begin(phrase("residuals.label", "Distances of the readings from the sphere, {noise}", { noise: said }))) return;
     const [left, right] = [0.5 * panel.em, panel.width - 0.5 * panel.em];
     const [top, bottom] = [0.5 * panel.em, panel.height - 1.5 * panel.em];
     panel.draw("path", { class: "axis", d: `M${left} ${bottom}H${right}` });
-    if (!known || !residuals) return nothing(panel, "after the first fit");
+    if (!known || !residuals) return nothing(panel, phrase("plot.after-fit", "after the first fit"));
     const { edges, counts } = residuals;
     const reach = Math.max(Math.abs(edges[0]), Math.abs(edges[edges.length - 1])) || 1;
     const toX = (/** @type {number} */ value) => left + ((right - left) * (value + reach)) / (2 * reach);

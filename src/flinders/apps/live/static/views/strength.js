@@ -7,6 +7,7 @@ import { mark, REJECTED, USED } from "../../../../static/views/marks.js";
 import { nearestOf } from "../../../../static/views/nearest.js";
 import { quantiles, roundUp, themeColour, tickDecimals, ticks } from "./plot.js";
 import { clock, fixedText } from "./words.js";
+import { phrase } from "../language.js";
 
 /** @typedef {import("./brush.js").Place} Place */
 /** @typedef {import("./charts.js").Chart} Chart */
@@ -46,9 +47,9 @@ function drawStrength(chart, points, view, state) {
     const raw = lengths(points, null);
     const corrected = shown && lengths(points, shown);
     const span = strengthSpan(raw, kinds, shown);
-    const said = points.count > 0 ? `, raw from ${fixedText(span.raw[0], 1)} to ${fixedText(span.raw[1], 1)} ${unit}` : "";
-    const meant = shown ? `, corrected about ${fixedText(shown.strength, 1)} ${unit}` : "";
-    if (!panel.begin(`Field strength over time${said}${meant}`)) return null;
+    const said = points.count > 0 ? phrase("strength.raw", ", raw from {low} to {high} {unit}", { low: fixedText(span.raw[0], 1), high: fixedText(span.raw[1], 1), unit }) : "";
+    const meant = shown ? phrase("strength.corrected", ", corrected about {strength} {unit}", { strength: fixedText(shown.strength, 1), unit }) : "";
+    if (!panel.begin(`${phrase("strength.label", "Field strength over time")}${said}${meant}`)) return null;
     const place = placeIn(panel, points);
     const toX = (/** @type {number} */ t) => xOf(place, t);
     const toY = (/** @type {number} */ v) => place.bottom - ((place.bottom - place.top) * (v - span.low)) / (span.high - span.low);
@@ -56,7 +57,7 @@ function drawStrength(chart, points, view, state) {
     chart.places = (j) => [raw, corrected].flatMap((each) => (each ? [[toX(points.time[j]), toY(each[j])]] : []));
     chart.nearest = (x) => nearestOf(raw.length, (j) => Math.abs(toX(points.time[j]) - x));
     if (points.count > 0) timeAxis(panel, place, toX, toY, span, { unit, isTimed: state?.seconds !== null });
-    else nothing(panel, "no readings yet");
+    else nothing(panel, phrase("plot.no-readings", "no readings yet"));
     paintReadings(chart, drawn);
     crossRejected(panel, drawn);
     hatchExcluded(panel, drawn, state?.excluded ?? []);

@@ -2,6 +2,7 @@
 
 import { element } from "../dom.js";
 import { measuredText } from "./words.js";
+import { phrase } from "../language.js";
 
 /** @typedef {import("../../../../static/view.d.ts").View} View */
 
@@ -17,8 +18,8 @@ export function table(host, { unit, offset, offset_sigma, matrix, matrix_sigma }
         host.replaceChildren();
         return;
     }
-    const caption = element("caption", "corrected = matrix · (raw − offset), ± 1 σ");
-    const head = element("tr", [header("", "col"), header(`offset, ${unit}`, "col"), header("matrix", "colgroup", 3)]);
+    const caption = element("caption", phrase("table.caption", "corrected = matrix · (raw − offset), ± 1 σ"));
+    const head = element("tr", [header("", "col"), header(phrase("table.offset", "offset, {unit}", { unit }), "col"), header(phrase("table.matrix", "matrix"), "colgroup", 3)]);
     const rows = AXES.map((axis, i) => {
         const cells = matrix[i].map((value, j) => cell(value, matrix_sigma?.[i]?.[j]));
         return element("tr", [header(axis, "row"), cell(offset[i], offset_sigma?.[i]), ...cells]);

@@ -4,6 +4,8 @@
  * Numbers have the digits that their uncertainty supports: measuredText(-12.3456, 0.042) is "−12.346" and "0.042".
  */
 
+import { numeral, phrase, pluralForm } from "../language.js";
+
 const MINUS = "\u2212";
 const NONE = "\u2013";
 
@@ -16,7 +18,7 @@ const NONE = "\u2013";
 export function fixedText(value, decimals) {
     if (value === null || value === undefined || !Number.isFinite(value)) return NONE;
     const text = value.toFixed(Math.max(0, Math.min(decimals, 12)));
-    return (Number(text) === 0 ? text.replace("-", "") : text).replace("-", MINUS);
+    return numeral((Number(text) === 0 ? text.replace("-", "") : text).replace("-", MINUS));
 }
 
 /**
@@ -84,7 +86,7 @@ export function compass(deg) {
  * @returns {string}
  */
 export function countText(count) {
-    return String(Math.round(count)).replace(/\B(?=(\d{3})+$)/g, ",");
+    return numeral(String(Math.round(count)).replace(/\B(?=(\d{3})+$)/g, ","));
 }
 
 /**
@@ -94,7 +96,8 @@ export function countText(count) {
  * @returns {string}
  */
 export function things(count, thing) {
-    return `${countText(count)} ${thing}${count === 1 ? "" : "s"}`;
+    const form = pluralForm(`things.${thing}`, count);
+    return form?.replace("{count}", countText(count)) ?? `${countText(count)} ${thing}${count === 1 ? "" : "s"}`;
 }
 
 /**
@@ -112,7 +115,7 @@ export function capital(words) {
  * @returns {string}
  */
 export function sentence(words) {
-    const isWord = /^[a-z]+[ ,:;]/.test(words); // and no file name
+    const isWord = /^\p{Ll}+[ ,:;]/u.test(words); // and no file name
     const whole = isWord ? capital(words) : words;
     return whole === "" || /[.!?…]$/.test(whole) ? whole : `${whole}.`;
 }
@@ -157,11 +160,14 @@ export function clock(seconds) {
 export function sinceWords({ finished, source, recording, reasons }) {
     if (!finished) return "";
     const { since } = finished;
-    if (source.link === "ended") return since > 0 ? `${things(since, "reading")} came since.` : "";
-    const count = since > 0 ? `: ${things(since, "reading")} since` : "";
+    const readings = things(since, "reading");
+    if (source.link === "ended") return since > 0 ? phrase("since.came", "{readings} came since.", { readings }) : "";
+    const count = since > 0 ? phrase("since.count", ": {readings} since", { readings }) : "";
     const isRecorded = recording !== null && reasons.every(({ code }) => code !== "not-recorded");
-    const what = isRecorded ? "Recording" : "Reading";
-    return source.link === "gone" ? `${what} waits for ${source.name} to come back${count}.` : `${what} goes on${count}.`;
+    const what = isRecorded ? phrase("since.recording", "Recording") : phrase("since.reading", "Reading");
+    return source.link === "gone"
+        ? phrase("since.waits", "{what} waits for {name} to come back{count}.", { what, name: sourceTitle(source.name), count })
+        : phrase("since.goes-on", "{what} goes on{count}.", { what, count });
 }
 
 /**
@@ -225,7 +231,36 @@ export const VERDICTS = Object.freeze({
 });
 
 /** Title of a fit that is limited only for tilted attitudes. */
-export const WHILE_LEVEL = "Good while level";
+const WHILE_LEVEL = "Good while level";
+
+/**
+ * Title of a phase in the page's language.
+ * @param {string} phase
+ */
+export function phaseTitle(phase) {
+    return phrase(`phase.${phase}`, PHASES[phase] ?? phase);
+}
+
+/**
+ * Title of a verdict in the page's language.
+ * @param {string} verdict
+ */
+export function verdictTitle(verdict) {
+    return phrase(`verdict.${verdict}`, VERDICTS[verdict] ?? verdict);
+}
+
+/** @returns {string} Title of a fit that is limited only for tilted attitudes, in the page's language. */
+export function whileLevelTitle() {
+    return phrase("verdict.while-level", WHILE_LEVEL);
+}
+
+/**
+ * A fault in a few words in the page's language; empty for a code without.
+ * @param {string} code
+ */
+export function faultTitle(code) {
+    return phrase(`fault.${code}`, REASONS[code] ?? "");
+}
 
 /**
  * Whether level headings are the goal and good, and only tilted attitudes are unknown.
@@ -258,3 +293,35 @@ export const ICONS = Object.freeze({
     warning: "limited",
     error: "wrong",
 });
+
+/** Sources that the page names itself. */
+export const SOURCES = Object.freeze({ board: "the board", phone: "the sensor of this phone", simulation: "simulation", none: "no source" });
+
+/**
+ * Name of a source in the page's language, where the page gave the name; else as it is.
+ * @param {string} name
+ */
+export function sourceTitle(name) {
+    const [key] = Object.entries(SOURCES).find(([, english]) => english === name) ?? [];
+    return key ? phrase(`name.${key}`, name) : name;
+}
+
+/** Remarks of the simulated sensor, as the program makes them. */
+export const REMARKS = Object.freeze({
+    rocks: "the simulated hand only rocks the sensor, a common mistake: most directions of the sphere stay unknown",
+    turns: "now it turns the sensor over, through all directions: the error falls",
+});
+
+/**
+ * A remark in the page's language; words of any other origin as they are.
+ * @param {string} words
+ */
+export function remarkWords(words) {
+    const [key] = Object.entries(REMARKS).find(([, english]) => english === words) ?? [];
+    return key ? phrase(`simulation.${key}`, words) : words;
+}
+
+/** @returns {string[]} North, east, south and west, as on a compass. */
+export function compassPoints() {
+    return phrase("compass.points", "N E S W").split(" ");
+}

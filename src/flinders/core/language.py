@@ -1,0 +1,111 @@
+"""Sentences in other languages than English, which stands where the sentences are made.
+
+A language is one file of `flinders/languages`: formats by key, with the same placeholders as the English ones. A key
+that a language lacks stays English. Only the live page and verdicts in the terminal are translated; JSON, files, codes
+and messages are English in every language.
+
+>>> german = language_of("de")
+>>> german.phrase("verdict.good", "Good"), german.numeral("1,234.5")
+('Gut', '1.234,5')
+>>> german.phrase("no.such.key", "from {name}", name="A17"), ENGLISH.phrase("verdict.good", "Good")
+('from A17', 'Good')
+"""
+
+from __future__ import annotations
+
+import json
+import unicodedata
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from functools import cache
+from importlib.resources import files
+from string import Formatter
+from typing import TYPE_CHECKING, Any, Final
+
+from flinders.errors import UsageError, figures
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+ENGLISH_CODE: Final = "en"
+
+LANGUAGES: Final = (ENGLISH_CODE, "de", "el")
+"""Codes of the languages; `languages/en.json` lists all English phrases for translators, and no program reads it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Language:
+    """Formats of sentences by key."""
+
+    code: str  #: ISO 639-1
+    words: Mapping[str, str] = field(default_factory=dict, repr=False)  #: empty for English
+
+    def translation(self, key: str) -> str:
+        """Format of a sentence; empty in English, and for a key that the language lacks."""
+        return self.words.get(key, "")
+
+    def phrase(self, key: str, english: str, **values: object) -> str:
+        """A sentence with its values filled in."""
+        return self.fill(self.translation(key) or english, values)
+
+    def count(self, number: float, thing: str) -> str:
+        """A number of things, such as ``3,000 readings``, where the language has the noun; else in English."""
+        form = self.translation(f"things.{thing}.{'one' if number == 1 else 'other'}")
+        shown = f"{number:,.0f}"
+        return (
+            self.fill(form, {"count": self.numeral(shown)}) if form else f"{shown} {thing}{'' if number == 1 else 's'}"
+        )
+
+    def fill(self, template: str, values: Mapping[str, Any]) -> str:
+        """A format with its values; numbers have two digits unless the format says otherwise."""
+        return _Filled(self).vformat(template, (), values)
+
+    def capitals(self, text: str) -> str:
+        """A title in capitals, which have no accent in Greek."""
+        plain = (
+            unicodedata.normalize("NFD", text).replace("\N{COMBINING ACUTE ACCENT}", "") if self.code == "el" else text
+        )
+        return unicodedata.normalize("NFC", plain).upper()
+
+    def numeral(self, text: str) -> str:
+        """An English number, ``1,234.5``, with the signs of the language."""
+        signs = {".": self.translation("number.decimal") or ".", ",": self.translation("number.group") or ","}
+        return "".join(signs.get(letter, letter) for letter in text)
+
+
+class _Filled(Formatter):
+    """Formats numbers with the signs of a language."""
+
+    def __init__(self, language: Language) -> None:
+        self.language = language
+
+    def format_field(self, value: Any, format_spec: str) -> str:  # noqa: ANN401 - as `string.Formatter` has it
+        """One value."""
+        if isinstance(value, str):
+            return value
+        return self.language.numeral(format(value, format_spec) if format_spec else figures(float(value)))
+
+
+ENGLISH: Final = Language(ENGLISH_CODE)
+
+OF_TERMINAL: Final[ContextVar[Language]] = ContextVar("language of the terminal", default=ENGLISH)
+"""Language of pages for the terminal, which the command line sets and only `flinders.report` reads."""
+
+
+@cache
+def language_of(code: str) -> Language:
+    """A language by its code.
+
+    Raises
+    ------
+    UsageError
+        For a language that is not in `LANGUAGES`.
+    """
+    if code not in LANGUAGES:
+        raise UsageError(f"there is no language {code!r}: use one of {', '.join(LANGUAGES)}")
+    return ENGLISH if code == ENGLISH_CODE else Language(code, json.loads(text_of(code)))
+
+
+def text_of(code: str) -> str:
+    """The file of a language."""
+    return files("flinders").joinpath("languages", f"{code}.json").read_text(encoding="utf-8")

@@ -1,0 +1,117 @@
+"""The page in another language, and its spoken words, by a browser whose speech synthesis is a fake."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+import pytest
+from benchmarks.stage import Program, Site
+from playwright.sync_api import expect
+from tests.browser.visitor import Visitor, until
+
+from flinders.apps.live.standalone.package import write
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from playwright.sync_api import Browser, Page
+
+pytestmark = pytest.mark.tools
+
+SPEECH: Final = """(() => {
+    const spoken = [];
+    const speaking = new Set();
+    const voices = VOICES.map((lang) => ({ lang, name: lang }));
+    window.SpeechSynthesisUtterance = class { constructor(text) { this.text = text; } };
+    const synthesis = {
+        getVoices: () => voices,
+        addEventListener: () => {},
+        cancel: () => speaking.clear(),
+        speak: (utterance) => {
+            speaking.add(utterance);
+            spoken.push({ text: utterance.text, lang: utterance.lang, at_once: speaking.size });
+        },
+    };
+    Object.defineProperty(window, "speechSynthesis", { value: synthesis });
+    window.spoken = spoken;
+})()"""
+WIDE: Final = """() => [...document.querySelectorAll("button, label, h2, dt, output, .panel p")].filter((part) => {
+    const { right, width } = part.getBoundingClientRect();
+    return width > 0 && !part.closest(".visually-hidden, .skip, #scene") && right > innerWidth + 1;
+}).map(({ id, className, textContent }) => `${id} ${className} ${textContent}`)"""
+PHONE: Final[dict[str, Any]] = {"viewport": {"width": 390, "height": 844}, "is_mobile": True, "has_touch": True}
+
+
+@pytest.fixture
+def visitor(browser: Browser, tmp_path: Path) -> Iterator[Visitor]:
+    """Of a simulation, ten times as fast."""
+    with Program(tmp_path, "--simulate", "--speed", "10") as program:
+        visitor = Visitor(browser, program)
+        yield visitor
+        visitor.leave()
+        visitor.close()
+
+
+def opened(visitor: Visitor, locale: str, voices: str = "[]", **options: Any) -> Page:
+    """The page for a browser of a language, with such voices."""
+    context = visitor.context(locale=locale, **options)
+    context.add_init_script(SPEECH.replace("VOICES", voices))
+    return visitor.page(context)
+
+
+def test_the_page_speaks_german_one_sentence_at_a_time(visitor: Visitor) -> None:
+    page = opened(visitor, "de-AT", '["en-GB", "de-DE"]')
+    assert page.evaluate("document.documentElement.lang") == "de"
+    expect(page.locator("#finish")).to_contain_text("Abschließen")
+    page.keyboard.press("?")
+    expect(page.locator("#voice-words")).to_have_text("")
+    page.locator("#voice").check()
+    page.keyboard.press("Escape")
+    until(page, "flinders.store.state.phase === 'good'")
+    expect(page.locator("#phase")).to_have_text("Gut")
+    expect(page.locator("#phase-words")).to_contain_text("Der größte zu erwartende Kursfehler")
+    until(page, "window.spoken.some(({ text }) => text.startsWith('Gut.'))")
+    spoken = page.evaluate("window.spoken")
+    assert {(each["lang"], each["at_once"]) for each in spoken} == {("de-DE", 1)}
+    assert any(each["text"].startswith("Drehung fertig.") for each in spoken)
+    page.locator("#finish").click()
+    expect(page.locator("#verdict-words")).to_contain_text("Kurse sind auf 0,")
+    expect(page.locator("#findings")).to_contain_text("Wie der Sensor gegen das Fahrzeug gedreht ist")
+    page.locator("#export-target").select_option("json")
+    expect(page.locator("#preview")).to_contain_text('"field_strength_known": false')
+
+
+def test_a_language_that_is_chosen_is_remembered_and_a_missing_voice_is_said(visitor: Visitor) -> None:
+    page = opened(visitor, "en-GB", '["en-GB"]', **PHONE)
+    assert page.evaluate("document.documentElement.lang") == "en-GB"
+    page.locator("#help").click()
+    page.locator("#voice").check()
+    with page.expect_navigation():
+        page.locator("#language").select_option("el")
+    page.reload()
+    until(page, "window.flinders?.store.hello")
+    expect(page.locator("#status-title")).to_have_text("Αναμενόμενο σφάλμα πορείας")
+    page.locator("#help").click()
+    expect(page.locator("#language")).to_have_value("el")
+    expect(page.locator("#voice")).to_be_disabled()
+    expect(page.locator("#voice-words")).to_have_text("Αυτός ο περιηγητής δεν έχει φωνή για αυτή τη γλώσσα.")
+    page.keyboard.press("Escape")
+    until(page, "flinders.store.view")
+    assert page.evaluate(WIDE) == []
+
+
+def test_the_page_without_a_program_loads_its_language_on_demand(browser: Browser, tmp_path: Path) -> None:
+    write(tmp_path / "page")
+    with Site(tmp_path / "page") as site:
+        visitor = Visitor(browser, site)
+        context = visitor.context(locale="el")
+        asked: list[str] = []
+        context.on("request", lambda request: asked.append(request.url.rpartition("/")[2]))
+        page = context.new_page()
+        page.goto(site.address)
+        expect(page.locator("#start-title")).to_have_text("Βαθμονόμηση μαγνητομέτρου")
+        assert "el.json" in asked
+        assert "de.json" not in asked
+        visitor.leave()
+        visitor.close()
