@@ -149,7 +149,7 @@ class Engine:
     def __init__(self, root: Path) -> None:
         self.build = module_at(root / "src/flinders/native/build.py")
         self.tag = os.environ.get(TARGET, "")
-        self.platform = self.build.PLATFORMS.get(self.tag, self.build.THIS)
+        self.platform = self.build.PLATFORMS.get(self.tag, self.build.THIS_PLATFORM)
         self.folder = root / COMPILED / self.tag
 
     @property
@@ -164,7 +164,7 @@ class Engine:
 
     def dependencies(self) -> list[str]:
         """The Python package that is a compiler, where it has to make a library that is not there."""
-        missing = [one for one in self.targets if not self.build.path(self.folder, target=one).exists()]
+        missing = [one for one in self.targets if not self.build.library_path(self.folder, target=one).exists()]
         is_here = importlib.util.find_spec(self.build.ZIG_PACKAGE) is not None
         by_zig = [one for one in missing if one.zig or not self.build.system_compiler()]
         return [self.build.ZIG_PACKAGE] if by_zig and not is_here else []
@@ -184,7 +184,7 @@ class Engine:
     @property
     def targets(self) -> tuple[Any, ...]:
         """What it is compiled for: the platform of the wheel, and browsers where the page is there."""
-        return (self.platform, self.build.WEB) if self.build.PAGE.is_file() else (self.platform,)
+        return (self.platform, self.build.WEB_PLATFORM) if self.build.PAGE_MODULE.is_file() else (self.platform,)
 
 
 def module_at(path: Path) -> ModuleType:
