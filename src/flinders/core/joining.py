@@ -1,8 +1,8 @@
 """Several recordings of one sensor as one recording, and the blocks of a recording as one table in memory.
 
 >>> early, late = Samples.of([[1, 2, 3]]), Samples.of([[4, 5, 6]])
->>> joined = join_recordings([early, late])
->>> read_into_memory(joined).field.tolist(), len(list(single_recordings(joined)))
+>>> join_recordings = join_recordings([early, late])
+>>> read_into_memory(join_recordings).field.tolist(), len(list(single_recordings(join_recordings)))
 ([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]], 2)
 """
 
