@@ -166,7 +166,7 @@ class Comparison:
         return worst + self.rotation.heading_deg(self.heading_difference_deg.dip_deg)
 
     @property
-    def upper_bound_deg(self) -> float:
+    def largest_deg(self) -> float:
         """Upper limit of the heading difference with a probability of 95 %: the difference plus its bound."""
         return self.worst_deg + (self.claimed_bound_deg or 0.0)
 

@@ -448,7 +448,7 @@ class Calibration(Value):
 
         Raises `AxesError` if the calibration is for mapped readings already.
 
-        >>> centred = Calibration(np.eye(3), [10, 20, 30], 50.0).turned(Axes.of("y,x,-z"))
+        >>> centred = Calibration(np.eye(3), [10, 20, 30], 50.0).map_axes(Axes.of("y,x,-z"))
         >>> centred.offset, str(centred.axes)
         (array([ 20.,  10., -30.]), 'y,x,-z')
         """

@@ -158,7 +158,7 @@ class Disturbance(Value):
     def range_excess(self, values: ArrayLike) -> float:
         """Largest excess of values over the recorded range, as a fraction of it; 0 if the range is not known.
 
-        >>> Disturbance("current", [1, 0, 0], lowest=0.0, highest=20.0).beyond([5.0, 25.0, np.nan])
+        >>> Disturbance("current", [1, 0, 0], lowest=0.0, highest=20.0).range_excess([5.0, 25.0, np.nan])
         0.25
         """
         seen = self.numbers(values)
@@ -171,7 +171,7 @@ class Disturbance(Value):
     def text_of(self, value: float) -> str:
         """Write a value with its unit.
 
-        >>> Disturbance("temperature", [0, 0, 0]).amount(21.54)
+        >>> Disturbance("temperature", [0, 0, 0]).text_of(21.54)
         '21.5 °C'
         """
         if self.states and value in (0.0, 1.0):

@@ -1,6 +1,6 @@
 """Random walk of an offset: its rate per root hour, and the uncertainty of the rate.
 
->>> Walk.known(0.1).heading_deg(86400.0, radius=50.0, dip_deg=60.0) > 1.0           # 0.1 µT/√h: a degree in a day
+>>> Walk.from_rate(0.1).heading_deg(86400.0, radius=50.0, dip_deg=60.0) > 1.0           # 0.1 µT/√h: a degree in a day
 True
 """
 
@@ -23,7 +23,7 @@ SIGMAS_95: Final = 1.96
 class Walk:
     """Rate of the random walk of an offset, with its 95 % interval.
 
-    >>> print(Walk.known(0.1))
+    >>> print(Walk.from_rate(0.1))
     0.10 (0.026 to 0.39) per root hour
     """
 

@@ -299,7 +299,7 @@ class Samples:
         """(N,) values of a recorded disturbance, or words of a column of states; None if it was not recorded.
 
         >>> flown = Samples.of([[1, 2, 3]], current=[9.0], currents=[[4.0, 5.0]])
-        >>> flown.driving("current"), flown.driving("current2"), flown.driving("current3")
+        >>> flown.disturbance_values("current"), flown.disturbance_values("current2"), flown.disturbance_values("current3")
         (array([9.]), array([5.]), None)
         """
         kind, number = kind_and_motor(name)
@@ -326,10 +326,10 @@ class Samples:
         magnetometer, while the other sensors are right-handed. Raises `AxesError` for samples that are mapped already.
 
         >>> level = Samples.of([[20.0, 0.0, 45.0]], unit="uT", attitude=[[1.0, 0.0, 0.0, 0.0]])
-        >>> over = level.turned(Axes.of("x,-y,-z"))
+        >>> over = level.map_axes(Axes.of("x,-y,-z"))
         >>> over.field, over.attitude
         (array([[ 20.,  -0., -45.]]), array([[0., 1., 0., 0.]]))
-        >>> mended = level.turned(Axes.of("x,y,-z"))
+        >>> mended = level.map_axes(Axes.of("x,y,-z"))
         >>> mended.field, mended.attitude
         (array([[ 20.,   0., -45.]]), array([[1., 0., 0., 0.]]))
         """

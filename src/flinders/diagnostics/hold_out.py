@@ -87,9 +87,9 @@ def hold_out_misfit(samples: Samples, fits: list[Parameters], vertical: str | No
     `vertical` is ``dip`` or ``tilt``, the source of the verticals for the dip; None for no dip.
 
     >>> from flinders import simulate
-    >>> from flinders.estimators.aiding import solve
+    >>> from flinders.estimators.aiding import fit_aided
     >>> tumble = simulate.tumble(seed=1, motion="swayed", n=600)
-    >>> whole = {terms: solve(tumble.samples, terms) for terms in ((), ("dip",))}
+    >>> whole = {terms: fit_aided(tumble.samples, terms) for terms in ((), ("dip",))}
     >>> fits = [fit_folds(tumble.samples, terms, None, near) for terms, near in whole.items()]
     >>> alone, aided = (hold_out_misfit(tumble.samples, parameters, "dip") for parameters in fits)
     >>> aided.length < 1.1 * tumble.sensor.noise and aided.height < alone.height

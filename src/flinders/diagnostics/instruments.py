@@ -193,7 +193,7 @@ def gyro_scale_mistake(off: float) -> Mistake:
     """Mistake of a gyro whose scale error is implausibly large.
 
     >>> gyro_scale_mistake(0.2).words[:76]
-    "the gyro's scales would be off by 20%, and those of gyros are by 2% or so: c"
+    "the gyro's scales would have to be off by 20%, while those of gyros are off "
     """
     return _certain_mistake(
         "gyro-scales", "rate", {"scales_off": min(off, 1.0), "scale_error": off, "usual": SCALE_SIGMA}
@@ -226,7 +226,7 @@ def divergence(aid: str, before_deg: float, after_deg: float) -> Mistake | None:
 
     >>> mistake = divergence("dip", 2.1, 180.0)
     >>> mistake is not None and mistake.words[:75]
-    "the fit claims a heading error of 180° with 'dip', 2.1° without: what it me"
+    "the fit claims a heading error of 180° with 'dip', 2.1° without: its measur"
     """
     numbers = {"times_claim": after_deg / max(before_deg, 1e-9), "with_deg": after_deg, "without_deg": before_deg}
     return _mistake("aid-diverged", aid, numbers)
@@ -235,9 +235,9 @@ def divergence(aid: str, before_deg: float, after_deg: float) -> Mistake | None:
 def implausible_vertical(aided: AidedFit, aid: str) -> Mistake | None:
     """Mistake of a vertical or attitude that contradicts the readings for any mounting; None if it does not.
 
-    >>> from flinders.geometry.quaternions import inverse, of_angles, rotated
-    >>> attitude = of_angles(np.random.default_rng(1).uniform(-1.5, 1.5, (300, 3)))
-    >>> field = rotated(inverse(attitude), np.tile([25.0, 0.0, 43.0], (300, 1)))
+    >>> from flinders.geometry.quaternions import inverse, from_angles, rotate_vectors
+    >>> attitude = from_angles(np.random.default_rng(1).uniform(-1.5, 1.5, (300, 3)))
+    >>> field = rotate_vectors(inverse(attitude), np.tile([25.0, 0.0, 43.0], (300, 1)))
     >>> implausible_vertical(fit_aided(Samples.of(field, attitude=attitude), ("tilt",)), "tilt")
     >>> mistake = implausible_vertical(fit_aided(Samples.of(field, attitude=inverse(attitude)), ("tilt",)), "tilt")
     >>> mistake is not None and mistake.code

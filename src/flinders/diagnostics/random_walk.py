@@ -148,7 +148,7 @@ class RandomWalk:
         """Line of bars that shows the distance of the offset from its start over time.
 
         >>> path = np.outer(np.linspace(0.0, 7.0, 8), [1.0, 0.0, 0.0])
-        >>> RandomWalk(1.0, 1.0, 9.0, np.arange(8.0), path, np.ones((8, 3)), 50.0).drawn(8)
+        >>> RandomWalk(1.0, 1.0, 9.0, np.arange(8.0), path, np.ones((8, 3)), 50.0).to_bars(8)
         '▁▂▃▄▅▆▇█'
         """
         far = np.linalg.norm(self.path - self.path[0], axis=1)

@@ -8,7 +8,7 @@ moved, another place, the cover put on. The residuals of a joint fit hardly show
 >>> claimed = np.diag([0.01] * 9)
 >>> days = RecordingFit("monday", 500, sphere, claimed), RecordingFit("tuesday", 500, moved, claimed)
 >>> repeats = compare_recordings(days, dip_deg=60.0)
->>> repeats.farthest.source, round(repeats.farthest.difference_deg), repeats.p_value < 1e-6
+>>> repeats.most_deviating.source, round(repeats.most_deviating.difference_deg), repeats.p_value < 1e-6
 ('monday', 7, True)
 """
 

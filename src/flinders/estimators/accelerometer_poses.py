@@ -24,7 +24,7 @@ IEEE Std 1293 (2018).
 >>> triad = found.triad()
 >>> bool(np.all(np.abs(triad.offset - [0.2, -0.1, 0.3]) < 4.0 * triad.offset_sigma))
 True
->>> triad.unit, found.sees_misalignment
+>>> triad.unit, found.has_misalignment
 ('m/s2', False)
 >>> round(found.tilt_error.rms, 1)                                   # degrees: from the unknown misalignment
 0.6

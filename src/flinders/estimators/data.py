@@ -1,7 +1,7 @@
 """Input of an estimator: the sums of a recording, and the recording itself if available.
 
 >>> readings = Readings.of(np.random.default_rng(1).normal(size=(50, 3)))
->>> len(readings.summary), readings.thinned(20).shape
+>>> len(readings.summary), readings.thin(20).shape
 (50, (17, 3))
 
 A recording that is short enough stays in memory after the first pass:

@@ -6,7 +6,7 @@ constraints are written as c = fixed + free·z, and z is estimated by least squa
 >>> from flinders.estimators.data import Readings
 >>> corners = np.array([[1, 1, 1], [1, 1, -1], [1, -1, 1], [-1, 1, 1], [-1, -1, 1], [-1, 1, -1], [1, -1, -1.0]])
 >>> frame = Frame.of(Readings.of(10.0 * corners + [1.0, 2.0, 3.0]))
->>> frame.placed(fit_constrained(frame.scatter, CONSTRAINT_BASES["sphere"]), "sphere").centre.round(6)
+>>> frame.to_ellipsoid(fit_constrained(frame.scatter, CONSTRAINT_BASES["sphere"]), "sphere").centre.round(6)
 array([1., 2., 3.])
 """
 

@@ -22,7 +22,7 @@ minutes. Motors with one column each are logged by one meter, and have a common 
 >>> later = np.interp(time - 0.2, time, current) + np.random.default_rng(1).normal(scale=0.1, size=600)
 >>> cost = lambda lag: float(np.sum((later - np.interp(time - lag, time, current)) ** 2)) / 0.1**2
 >>> delay = search_lag("current", cost, lag_grid(0.02))
->>> round(delay.seconds, 2), delay.is_proven, delay.is_beyond
+>>> round(delay.seconds, 2), delay.is_significant, delay.is_beyond
 (0.2, True, False)
 """
 

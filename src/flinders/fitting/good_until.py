@@ -18,7 +18,7 @@ Sources of c: 0.8 µT/K, typical, of the FXOS8700CQ (NXP, data sheet rev. 8, tab
 >>> until = good_until(fit)
 >>> until.by, until.earliest_s < until.seconds < until.latest_s
 ('prior', True)
->>> good_until(fit, walk=Walk.known(0.01)).seconds > 100.0 * until.seconds                # µT in an hour
+>>> good_until(fit, walk=Walk.from_rate(0.01)).seconds > 100.0 * until.seconds                # µT in an hour
 True
 """
 

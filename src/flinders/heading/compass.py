@@ -1,13 +1,13 @@
 """Headings of a recording, from calibration, accelerometer and declination, block by block.
 
 >>> from flinders import simulate
->>> from flinders.geometry.angles import folded
+>>> from flinders.geometry.angles import wrap_180
 >>> from flinders.core.calibration import Calibration
 >>> tumble = simulate.tumble(seed=1)
 >>> samples = tumble.samples
 >>> level = Compass(Calibration.identity(field_strength=50.0, raw=samples.unit), formula="level", declination_deg=10.0)
 >>> headings = level.read(samples)
->>> len(headings), round(float(folded(headings.true_deg[0] - headings.magnetic_deg[0])), 9)
+>>> len(headings), round(float(wrap_180(headings.true_deg[0] - headings.magnetic_deg[0])), 9)
 (3000, 10.0)
 """
 

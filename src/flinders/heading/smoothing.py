@@ -10,7 +10,7 @@ and methods that use extremes.
 
 Share of the radius that remains in a uniform turn, here with 10° between readings:
 
->>> [round(Filter(name, 5).keeps(10.0), 3) for name in NAMES]
+>>> [round(Filter(name, 5).remaining_share(10.0), 3) for name in NAMES]
 [0.97, 0.985, 0.92]
 """
 
@@ -140,7 +140,7 @@ class Filter:
         fine steps, and a little lower for coarse ones. The result is no circle; the share is half of its width along
         the axes, up to (w − 1)θ/2 = 90°.
 
-        >>> round(Filter("moving-average", 9).keeps(20.0), 3), round(Filter("median", 9).keeps(20.0), 3)
+        >>> round(Filter("moving-average", 9).remaining_share(20.0), 3), round(Filter("median", 9).remaining_share(20.0), 3)
         (0.64, 0.766)
         """
         angle = math.radians(angle_deg)

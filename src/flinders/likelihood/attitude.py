@@ -25,8 +25,8 @@ its residuals do not show. For an attitude without a valid yaw use only the vert
 Source: M. Kok, T. B. Schön, IEEE Sensors J. 16 (2016): y = D R m + o + noise; W. A. Fuller, *Measurement Error
 Models* (1987) §3.2, for errors in both sides of a non-linear relation.
 
->>> from flinders.geometry.quaternions import of_angles
->>> body_to_world(of_angles([[0.0, 0.0, np.pi / 2]])).round(9)[0] + 0.0
+>>> from flinders.geometry.quaternions import from_angles
+>>> body_to_world(from_angles([[0.0, 0.0, np.pi / 2]])).round(9)[0] + 0.0
 array([[ 0., -1.,  0.],
        [ 1.,  0.,  0.],
        [ 0.,  0.,  1.]])

@@ -179,8 +179,8 @@ def symmetric_derivatives(rows: Floats, vectors: Floats) -> Floats:
 def attitude_verticals(attitude: Floats) -> tuple[Floats, Floats]:
     """Verticals in body axes from (N, 4) logged attitudes, independent of yaw, with their weights 0 or 1.
 
-    >>> from flinders.geometry.quaternions import of_angles
-    >>> down, _ = attitude_verticals(of_angles([[0.0, 0.0, 0.5], [0.0, 0.0, 2.5]]))       # level, on two headings
+    >>> from flinders.geometry.quaternions import from_angles
+    >>> down, _ = attitude_verticals(from_angles([[0.0, 0.0, 0.5], [0.0, 0.0, 2.5]]))       # level, on two headings
     >>> down.round(9) + 0.0
     array([[0., 0., 1.],
            [0., 0., 1.]])

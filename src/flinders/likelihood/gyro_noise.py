@@ -32,15 +32,15 @@ draws of the noise in ``tests/likelihood/test_walked.py``.
 
 >>> from dataclasses import replace
 >>> from flinders.likelihood import gyro
->>> from flinders.likelihood.observations import rows_of
+>>> from flinders.likelihood.observations import residual_rows
 >>> from flinders.likelihood.parameters import ParameterLayout, Parameters
 >>> rate = np.random.default_rng(1).normal(size=(20, 25, 3))
->>> turned = gyro.integrated(rate, np.full((20, 25), 0.2), np.zeros(3), np.zeros(6))
+>>> turned = gyro.integrate_rates(rate, np.full((20, 25), 0.2), np.zeros(3), np.zeros(6))
 >>> seen = 50.0 * np.swapaxes(turned.rotations, 2, 3) @ [0.6, 0.0, 0.8]
 >>> group, here = replace(ObservationGroup.of(seen), turned=turned), Parameters.at(np.zeros(3), 50.0 * np.eye(3))
 >>> layout, directions = ParameterLayout.of(), np.tile([0.6, 0.0, 0.8], (20, 1))
 >>> whole = here, directions, layout, Weights(1.0)
->>> walked = WalkStatistics.of(rows_of(group, *whole), rotation_derivatives(group, here, directions, Weights(1.0)))
+>>> walked = WalkStatistics.of(residual_rows(group, *whole), rotation_derivatives(group, here, directions, Weights(1.0)))
 >>> gradient = mean_gradient(walked, group, *whole)
 >>> bool(np.all(gradient[3:6] < 0.0))                                        # the bias shrinks the shape
 True

@@ -265,9 +265,9 @@ def find_mounting(attitudes: Floats, seen: Floats, rotation: Floats) -> Floats:
     (3, 3) float
         The mounting.
 
-    >>> from flinders.geometry.quaternions import of_angles
+    >>> from flinders.geometry.quaternions import from_angles
     >>> angles = np.random.default_rng(1).uniform(-1.0, 1.0, (50, 3))
-    >>> attitudes = attitude.body_to_world(of_angles(angles))
+    >>> attitudes = attitude.body_to_world(from_angles(angles))
     >>> upturned = np.swapaxes(attitudes, 1, 2) @ [0.6, 0.0, 0.8] * [1.0, -1.0, -1.0]
     >>> find_mounting(attitudes, upturned, np.eye(3)).round(6) + 0.0
     array([[ 1.,  0.,  0.],

@@ -32,7 +32,7 @@ curved surface as in `flinders.likelihood.magnitude`.
 >>> field = np.array([[[50.5, 0.0, 0.0]], [[0.0, 49.0, 0.0]]])               # on a sphere of radius 50, with noise
 >>> group = ObservationGroup.of(field)
 >>> here = Parameters.at(np.zeros(3), 50.0 * np.eye(3))
->>> equations = group.linearised(here, group.guess(here), ParameterLayout.of(), Weights(1.0))
+>>> equations = group.linearise(here, group.guess(here), ParameterLayout.of(), Weights(1.0))
 >>> round(equations.cost, 6), round(float(equations.matrix[3, 3]), 6)         # 0.5² + 1²; one reading observes S₁₁
 (1.25, 1.0)
 """

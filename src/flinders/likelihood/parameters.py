@@ -12,7 +12,7 @@ of the dip; a logged attitude the direction of the site's field.
 >>> layout.size, layout.columns["gyro_bias"]
 (15, slice(12, 15, None))
 >>> there = Parameters.at(np.zeros(3), 50.0 * np.eye(3))
->>> there.moved(np.arange(15.0) * 1e-3, layout).offset
+>>> there.take_step(np.arange(15.0) * 1e-3, layout).offset
 array([0.   , 0.001, 0.002])
 """
 

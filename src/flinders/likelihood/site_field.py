@@ -108,7 +108,7 @@ class Site(ShortRepr):
 
         A stated strength sets the length of corrected readings; the known strength is still used in the fit.
 
-        >>> Site.stated(Site(50.0, 60.0, 0.05, 1.0), inclination_deg=66.0).evidence.inclination_deg is None
+        >>> Site.merge_stated(Site(50.0, 60.0, 0.05, 1.0), inclination_deg=66.0).evidence.inclination_deg is None
         True
         """
         if strength is None and inclination_deg is None:

@@ -4,9 +4,9 @@
 >>> from pathlib import Path
 >>> from flinders import read, simulate
 >>> from flinders.links.feeds import Replay
->>> from flinders.links.recorder import ToFile
+>>> from flinders.links.recorder import FileSink
 >>> file = Path(tempfile.mkdtemp()) / "tumble.csv"
->>> with ToFile(file) as sink:
+>>> with FileSink(file) as sink:
 ...     statistics = record_feed(Replay(simulate.tumble(seed=1).samples, speed=None), sink, readings=120)
 >>> statistics.readings, len(read(file))
 (120, 120)

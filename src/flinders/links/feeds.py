@@ -253,7 +253,7 @@ class FeedThread(threading.Thread):
     >>> thread = FeedThread(Replay(simulate.tumble(seed=1, n=100).samples, speed=None))
     >>> thread.start()
     >>> thread.join()
-    >>> [type(received).__name__ for received in thread.taken()]
+    >>> [type(received).__name__ for received in thread.take()]
     ['FeedEvent', 'Samples', 'FeedEvent']
     """
 

@@ -4,9 +4,9 @@ The board answers a packet with two lines, ten numbers and nine: offsets of acce
 with the field, and the matrix. The calibration is confirmed only if both have the sent values.
 
 >>> import numpy as np
->>> from flinders.links.transports import Scripted
+>>> from flinders.links.transports import ScriptedSource
 >>> packet = MotionCalPacket(np.array([10.0, -20.0, 30.0]), 50.0, np.diag([1.25, 1.0, 0.8]))
->>> board = Scripted([b"Raw:1,2,3,4,5,6,7,8,9\r\n",
+>>> board = ScriptedSource([b"Raw:1,2,3,4,5,6,7,8,9\r\n",
 ...                   b"Cal1:0.000,0.000,0.000,0.000,0.000,0.000,10.000,-20.000,30.000,50.000\r\n",
 ...                   b"Cal2:1.250,0.000,0.000,0.000,1.000,0.000,0.000,0.000,0.800\r\n"])
 >>> print(send(board, packet))

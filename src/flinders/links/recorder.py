@@ -5,9 +5,9 @@ forced to the disk every second, so that a crash of the machine loses at most 1 
 
 >>> import tempfile
 >>> from pathlib import Path
->>> from flinders.links.transports import Scripted
+>>> from flinders.links.transports import ScriptedSource
 >>> file = Path(tempfile.mkdtemp()) / "tumble.csv"
->>> board = Scripted([b"booting\r\nRaw:0,0,8192,0,0,0,217,4,-5", b"86\r\nRaw:0,0,8192,0,0,0,217,2,-587\r\n"])
+>>> board = ScriptedSource([b"booting\r\nRaw:0,0,8192,0,0,0,217,4,-5", b"86\r\nRaw:0,0,8192,0,0,0,217,2,-587\r\n"])
 >>> with FileSink(file) as sink:
 ...     print(Recorder(board, sink, readings=2).run())
 2 readings (Raw: lines) in 0.0 s, ..., strength 62.5 µT (62.5 to 62.6)

@@ -1,7 +1,7 @@
 """Calls of the engine that find faults of a recording: outliers, drift, disturbances, exchanged axes, no motion.
 
 >>> far = np.repeat([False, True, False], [50, 20, 50])
->>> int(Faults().left_out(far, 5).sum())
+>>> int(Faults().mark_outliers(far, 5).sum())
 70
 """
 

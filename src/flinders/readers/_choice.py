@@ -1,6 +1,6 @@
 """Selection of one of several magnetometers: by number, by name, or as in an earlier calibration.
 
->>> Choice.of(2).among(["mag_left", "mag_right"], "two.csv"), Choice.of("mag_left").among(["mag_left"], "one.csv")
+>>> Choice.of(2).index_in(["mag_left", "mag_right"], "two.csv"), Choice.of("mag_left").index_in(["mag_left"], "one.csv")
 (1, 0)
 """
 
@@ -38,9 +38,9 @@ class Form(NamedTuple):
 class Choice:
     """Selection of one of several magnetometers: by request, else the one that a calibration was made from.
 
-    >>> Choice("2").among(["mag_left", "mag_right"], "two.csv"), Choice(preferred="mag_right").among(["mag"], "one.csv")
+    >>> Choice("2").index_in(["mag_left", "mag_right"], "two.csv"), Choice(preferred="mag_right").index_in(["mag"], "one.csv")
     (1, 0)
-    >>> Choice(preferred="mag_bow").among(["mag_left", "mag_right"], "two.csv")
+    >>> Choice(preferred="mag_bow").index_in(["mag_left", "mag_right"], "two.csv")
     Traceback (most recent call last):
     flinders.errors.UsageError: two.csv has no magnetometer mag_bow, which the calibration is for: there are 1
         (mag_left), 2 (mag_right); say which one it is for (sensor=)

@@ -6,7 +6,7 @@ continues to rise past the next midnight.
 >>> clock = Clock.of([["22.11.2026 23:59:59,5"], ["23.11.2026 00:00:00,0"]], (0,))
 >>> clock.order, [clock.seconds([text]) for text in ("22.11.2026 23:59:59,5", "Nov 23, 2026 12:00:01 AM", "later")]
 ('dmy', [1795391999.5, 1795392001.0, nan])
->>> Midnights(Clock((0,), is_dated=False)).past(np.array([86399.5, 0.0, 0.5])).tolist()
+>>> Midnights(Clock((0,), is_dated=False)).unwrap(np.array([86399.5, 0.0, 0.5])).tolist()
 [86399.5, 86400.0, 86400.5]
 """
 

@@ -2,7 +2,7 @@
 
 >>> refuse_one_value("log.csv", [f"mag_{axis},{value}" for axis in "xyz" for value in range(9)])
 Traceback (most recent call last):
-flinders.errors.NoMagnetometer: log.csv has one value a row, of which column 1 says what it is (mag_x, mag_y, mag_z):
+flinders.errors.NoMagnetometer: log.csv has one value a row, of which column 1 names the axis (mag_x, mag_y, mag_z):
     pivot it, so that x, y and z of a reading are in one row, or export a column for each
 """
 

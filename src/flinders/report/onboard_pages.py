@@ -16,7 +16,7 @@ uncorrected   104.3 µT    26.6%                  97°   > 100°        > 100°
 on board      49.24 µT     2.5%                 3.0°     4.2°          4.4°
 new           49.37 µT     1.0%               0.059°   0.066°         0.16°
 >>> Console(width=80).print(page_of_onboard(onboard, is_limited=False))
-CHANGE  a change is worth while: with what is on board headings are off by ...
+CHANGE  a change is worthwhile: with the onboard calibration headings are off by ...
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def errors_table(fit: Fit, onboard: OnboardCheck | None = None) -> Table:
     if onboard is not None:
         known = onboard.comparison
         rows.insert(
-            1, ("on board", onboard.strength, onboard.spread, known.heading_difference_deg, known.upper_bound_deg)
+            1, ("on board", onboard.strength, onboard.spread, known.heading_difference_deg, known.largest_deg)
         )
     names = ("", "strength", "spread", "heading error, rms", "worst", "95 % within")
     shown = len(names) if onboard is not None else len(names) - 1
@@ -102,7 +102,7 @@ def onboard_words(onboard: OnboardCheck, *, is_limited: bool = True) -> str:
         more = "; the new calibration is better, if you want more" if is_better else ""
         return (
             f"the onboard calibration is good enough: its headings are off by {worst} (95 % within "
-            f"{degrees(comparison.upper_bound_deg)}; target {target}){more}"
+            f"{degrees(comparison.largest_deg)}; target {target}){more}"
         )
     if onboard.answer == "fails":
         return (

@@ -1,9 +1,9 @@
 """Forms in which Fusion, SensorLab, generated code and plain files hold an accelerometer and a gyro.
 
 >>> from flinders.core.inertial import Inertial
->>> from flinders.targets._inertial import written
+>>> from flinders.targets._inertial import write_inertial
 >>> sensor = Inertial(Triad(np.diag([0.99, 1.01, 1.0]), [0.2, -0.1, 0.3], "m/s2"))
->>> made = written(FUSION_C, sensor, who="Fusion")
+>>> made = write_inertial(FUSION_C, sensor, who="Fusion")
 >>> print(*made.body[-2:], sep=chr(10))
 const FusionVector accelerometerSensitivity = {0.100951903f, 0.102991335f, 0.101971619f};
 const FusionVector accelerometerOffset = {0.200000003f, -0.100000001f, 0.300000012f};

@@ -6,10 +6,10 @@
 >>> from flinders.fitting import calibrate
 >>> fit = calibrate.fit(simulate.tumble(seed=1).samples)
 >>> made = datetime(2026, 5, 1, tzinfo=UTC)
->>> aged = age_of(fit, made + timedelta(days=1), since=made, walk=Walk.known(0.002))
+>>> aged = age_of(fit, made + timedelta(days=1), since=made, walk=Walk.from_rate(0.002))
 >>> aged.answer, aged.claim_deg > aged.until.claim_deg
 ('holds', True)
->>> age_of(fit, made + timedelta(days=365), since=made, walk=Walk.known(0.1)).answer
+>>> age_of(fit, made + timedelta(days=365), since=made, walk=Walk.from_rate(0.1)).answer
 'cannot-tell'
 """
 

@@ -8,7 +8,7 @@ name below the input, its size and its time of change (in a store its tag); its 
 >>> one, two = StoredFile("A17.csv", "", 10, "monday"), StoredFile("B02.csv", "", 20, "monday")
 >>> before = ReadFiles.of([one], Options())
 >>> again = ReadFiles.loads(before.dumps())
->>> new, faults = again.news([two])
+>>> new, faults = again.find_changes([two])
 >>> [each.name for each in new], {name: error.code for name, error in faults.items()}
 (['B02.csv'], {'A17.csv': 'vanished-file'})
 """

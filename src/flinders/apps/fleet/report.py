@@ -5,7 +5,7 @@ The user sorts tables by choosing one of several prepared orders, without a scri
 Content-Security-Policy allows only the page's own script. The size of the file does not grow with the fleet.
 
 >>> from flinders.apps.fleet.overview import Histogram
->>> whole = Histogram.over(0.01, 100.0, 40).counted([0.2, 0.3, 5.0])
+>>> whole = Histogram.over(0.01, 100.0, 40).with_numbers([0.2, 0.3, 5.0])
 >>> figure = distribution(whole, "degrees", target=1.0)
 >>> figure.startswith("<svg"), "style=" in figure
 (True, False)
@@ -291,7 +291,7 @@ def quantile_words(histogram: Histogram, unit: str) -> str:
     """Median and 95th percentile in words.
 
     >>> from flinders.apps.fleet.overview import Histogram
-    >>> quantile_words(Histogram.over(0.01, 100.0, 400).counted([0.5] * 9 + [2.0] * 91), "°")
+    >>> quantile_words(Histogram.over(0.01, 100.0, 400).with_numbers([0.5] * 9 + [2.0] * 91), "°")
     'median 2.0°, 95 % below 2.0°'
     """
     if not histogram.total:

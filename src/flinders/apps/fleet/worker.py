@@ -7,7 +7,7 @@ r"""Worker: calibrates the recordings of one partition. An error costs its recor
 >>> _ = (folder / "A17.csv").write_text("x,y,z\n1,2,3\n"), (folder / "B02.csv").write_text("nothing\n")
 >>> plan = plan_of(str(folder), Options())
 >>> tables = [calibrate_partition(each, options=Options()) for each in plan.partitions]
->>> rows = UnitResults.joined(map(UnitResults.from_bytes, tables))
+>>> rows = UnitResults.join(map(UnitResults.from_bytes, tables))
 >>> list(zip(rows.unit.tolist(), rows.verdict.tolist(), rows.code.tolist()))
 [('A17', 'refused', 'too-few-samples'), ('B02', 'failed', 'unreadable')]
 """

@@ -1,6 +1,6 @@
 """Sends the calibration in force to its vehicle when that is safe, and saves the previous values.
 
->>> Handover.named("compass-before-20260601T081540Z.param"), Handover.named("notes.txt")
+>>> Handover.backup_time("compass-before-20260601T081540Z.param"), Handover.backup_time("notes.txt")
 (1780301740.0, None)
 """
 

@@ -203,7 +203,7 @@ class FilterState(NamedTuple):
     Examples
     --------
     >>> begun = FilterState(np.zeros(9), 0.01 * np.eye(9))
-    >>> seen = begun.after(np.array([[1.1, 0.0, 0.0], [-0.9, 0.0, 0.0]]), np.ones(2), noise=1e-3)
+    >>> seen = begun.update(np.array([[1.1, 0.0, 0.0], [-0.9, 0.0, 0.0]]), np.ones(2), noise=1e-3)
     >>> seen.values[:3].round(2)
     array([0.1, 0. , 0. ])
     """

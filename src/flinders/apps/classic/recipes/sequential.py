@@ -211,7 +211,7 @@ class SequentialState(NamedTuple):
     >>> rng = np.random.default_rng(1)
     >>> rows, z, variance = rng.normal(size=(50, 9)), rng.normal(size=50), np.ones(50)
     >>> begun, whole = SequentialState.of(rows[:20], z[:20], variance[:20]), SequentialState.of(rows, z, variance)
-    >>> np.allclose(begun.after(rows[20:], z[20:], variance[20:]).theta, whole.theta, atol=1e-13)
+    >>> np.allclose(begun.update(rows[20:], z[20:], variance[20:]).theta, whole.theta, atol=1e-13)
     True
     """
 

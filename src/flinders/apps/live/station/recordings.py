@@ -101,8 +101,8 @@ def _header_in(text: str) -> str | None:
 class SerialNumberSource:
     r"""A source of bytes that also extracts the serial number of the board.
 
-    >>> from flinders.links.transports import Scripted
-    >>> board = SerialNumberSource(Scripted([b"serial: A", b"17\r\n1,2,3\n"]), r"serial: (\w+)")
+    >>> from flinders.links.transports import ScriptedSource
+    >>> board = SerialNumberSource(ScriptedSource([b"serial: A", b"17\r\n1,2,3\n"]), r"serial: (\w+)")
     >>> board.read(0.1), board.serial, board.read(0.1), board.serial
     (b'serial: A', '', b'17\r\n1,2,3\n', 'A17')
     """

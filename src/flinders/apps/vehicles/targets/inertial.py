@@ -4,9 +4,9 @@ ArduPilot and PX4 use m/s² and rad/s in the axes of the sensor, before the boar
 counts in those axes; Betaflight raw counts in the axes of the board, with offsets alone.
 
 >>> from flinders.core.inertial import Inertial
->>> from flinders.targets._inertial import written
+>>> from flinders.targets._inertial import write_inertial
 >>> sensor = Inertial(Triad(np.diag([0.99, 1.01, 1.0]), [0.2, -0.1, 0.3], "m/s2"))
->>> print(*written(ARDUPILOT, sensor, who="ArduPilot", asked=Asked(imu=2)).body[:4], sep=chr(10))
+>>> print(*write_inertial(ARDUPILOT, sensor, who="ArduPilot", asked=Asked(imu=2)).body[:4], sep=chr(10))
 INS_ACC2OFFS_X,0.200000003
 INS_ACC2OFFS_Y,-0.100000001
 INS_ACC2OFFS_Z,0.300000012
