@@ -111,7 +111,7 @@ def checked(seed: int, off_deg: float) -> Trial:
         return Trial(row, off_deg, "cannot-tell")
     if found.comparison is None:
         return Trial(row, off_deg, found.answer)
-    bound, telling = found.comparison.claimed_bound_deg, found.comparison.required_bound_deg
+    bound, telling = found.comparison.claimed_bound_deg, found.comparison.telling_bound_deg
     return Trial(row, off_deg, found.answer, bound or 0.0, math.nan if telling is None else telling)
 
 

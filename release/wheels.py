@@ -145,7 +145,7 @@ def problems(library: Library, target: build.Platform, functions: set[str]) -> I
 
 def declared_functions() -> set[str]:
     """Functions that flinders.h declares."""
-    return set(_build_module().functions())
+    return set(_build_module().function_names())
 
 
 def inspect_wheel(wheel: Path, tag: str, target: build.Platform) -> list[str]:

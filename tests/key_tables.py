@@ -119,7 +119,7 @@ PAGE: Final[Mapping[str, Mapping[str, str]]] = {
         "`refreshed`": "diagnostics.soft_iron:Refreshed",
         "`calibrate --minmax --json`": f"fitting.axis_extremes:Extremes {FIT}",
         "`calibrate --sensor all --joint --json`":
-            "comparison.members:Together comparison.members:Agreement",
+            "comparison.members:MultiFit comparison.members:Agreement",
         "`disagreements`, each": "comparison.agreement:Disagreement",
         "`sensors`, each: `joint`": "comparison.members:Member",
         "`two-axis --json`: `turn`": "geometry.plane:Turn",

@@ -270,7 +270,7 @@ def put_library(project: Path, tag: str = "") -> tuple[Path, Path]:
     (folder / "LICENSE-zig").write_text("MIT", encoding="utf-8")
     engine = hatch_build.Engine(project)
     library, module = (
-        engine.build.path(folder, target=target)
+        engine.build.library_path(folder, target=target)
         for target in (build.PLATFORMS.get(tag, build.THIS_PLATFORM), build.WEB_PLATFORM)
     )
     library.write_bytes(b"")

@@ -104,7 +104,7 @@ def test_a_change_of_no_consequence_holds_and_one_near_the_target_cannot_be_told
     assert compare(first, second, target_deg=0.1).answer == "fails"
     near = compare(first, second, target_deg=1.01 * found.worst_deg)
     assert near.answer == "cannot-tell"
-    assert near.required_bound_deg == pytest.approx(0.01 * found.worst_deg)
+    assert near.telling_bound_deg == pytest.approx(0.01 * found.worst_deg)
 
 
 @pytest.mark.parametrize("factor", [0.8, 1.2])
@@ -113,10 +113,10 @@ def test_the_claim_that_would_tell_does(factor: float) -> None:
     target_deg = factor * compare(first, second).worst_deg
     found = compare(first, second, target_deg=target_deg)
     assert found.answer == "cannot-tell"
-    assert found.required_bound_deg is not None
+    assert found.telling_bound_deg is not None
     assert found.claimed_bound_deg is not None
     for share, answer in ((0.99, "fails" if factor < 1.0 else "holds"), (1.01, "cannot-tell")):
-        narrower = (share * found.required_bound_deg / found.claimed_bound_deg) ** 2
+        narrower = (share * found.telling_bound_deg / found.claimed_bound_deg) ** 2
         claims = (claiming(one, narrower * np.asarray(one.claim.covariance)) for one in (first, second))
         assert compare(*claims, target_deg=target_deg).answer == answer
 
@@ -251,7 +251,7 @@ def test_a_calibration_without_a_covariance_is_exact() -> None:
     assert half.chi_square is not None
     assert half.chi_square > both.chi_square
     assert (none.chi_square, none.p_value, none.claimed_deg, none.ratio) == (None, None, None, None)
-    assert (none.answer, none.required_bound_deg, none.wider_claim) == ("holds", None, None)
+    assert (none.answer, none.telling_bound_deg, none.wider_claim) == ("holds", None, None)
     assert compare(*bare, target_deg=0.001).answer == "fails"
 
 

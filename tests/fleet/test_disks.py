@@ -86,7 +86,7 @@ def test_a_log_that_cannot_be_written_is_said_and_the_run_resumed(logs: Path, mo
     with pytest.raises(OutputError, match=f"{said}$"), log_to("/dev/full"):
         run(str(logs), out, Options(), workers=0)
     assert not list(logs.parent.glob("*.parts"))
-    monkeypatch.setattr(Progress, "planned", quietly(Progress.log_plan))
+    monkeypatch.setattr(Progress, "log_plan", quietly(Progress.log_plan))
     with assert_raises(OutputError), log_to("/dev/full"):
         run(str(logs), out, Options(), workers=0)
     told = run(str(logs), out, Options(), workers=0, append=True)

@@ -488,7 +488,7 @@ def test_a_unit_with_many_readings_beside_small_ones_is_streamed(
     parquet.write_table(both, tmp_path / "in" / "all.parquet", row_group_size=500)
     run(str(tmp_path / "in"), tmp_path / "held.parquet", Options(), workers=0)
     for module in (plan, worker):
-        monkeypatch.setattr(module, "LARGEST", 1000)
+        monkeypatch.setattr(module, "MAX_ROWS", 1000)
     told = run(str(tmp_path / "in"), tmp_path / "streamed.parquet", Options(), workers=0)
     held, streamed = UnitResults.read(tmp_path / "held.parquet"), UnitResults.read(tmp_path / "streamed.parquet")
     assert told.partitions > 1

@@ -101,7 +101,7 @@ def test_a_broken_row_group_costs_those_who_have_readings_in_it(
 ) -> None:
     """In one partition, in several, and where each unit is streamed."""
     for module in (plan, worker):
-        monkeypatch.setattr(module, "LARGEST", largest)
+        monkeypatch.setattr(module, "MAX_ROWS", largest)
     parquet.write_table(table(0, 1, 2, 3), folder / "a.parquet", row_group_size=100)
     spoil(folder / "a.parquet", 2, "mag_y_uT")
     rows = rows_of(folder)
@@ -255,7 +255,7 @@ def test_rows_without_a_unit_are_never_fitted(folder: Path) -> None:
         assert_sentences(rows.message[0])
     with pytest.MonkeyPatch.context() as patch:
         for module in (plan, worker):
-            patch.setattr(module, "LARGEST", 100)
+            patch.setattr(module, "MAX_ROWS", 100)
         assert told(rows_of(folder)) == {"": (3 * READINGS, "no-unit"), "A": GOOD}
     assert told(fit_many(whole)) == {"": (3 * READINGS, "no-unit"), "A": GOOD}
     ended = run(str(folder), folder.parent / "out.parquet", Options(), workers=0, force=True)
@@ -296,7 +296,7 @@ def test_the_batch_of_hardware_stands_in_the_table(folder: Path, column: str) ->
     assert rows_of(folder).batch.tolist() == ["2026-04", "2026-05", ""]
     with pytest.MonkeyPatch.context() as patch:
         for module in (plan, worker):
-            patch.setattr(module, "LARGEST", 100)
+            patch.setattr(module, "MAX_ROWS", 100)
         assert rows_of(folder).batch.tolist() == ["2026-04", "2026-05", ""]
     assert fit_many(table(0, names=["A"], firmware=[3] * READINGS), batch_column="firmware").batch.tolist() == ["3"]
 
@@ -347,7 +347,7 @@ def test_units_of_field_that_differ_are_told_with_their_files(folder: Path, monk
     said = rows_of(folder).message[0]
     assert_sentences(said)
     for module in (plan, worker):
-        monkeypatch.setattr(module, "LARGEST", 100)
+        monkeypatch.setattr(module, "MAX_ROWS", 100)
     assert rows_of(folder).message[0] == said, "of a unit that is streamed too"
 
 
@@ -357,7 +357,7 @@ def test_units_beside_one_in_two_units_of_field_are_fitted(
 ) -> None:
     """Also where they lie in the same files, and where they are streamed."""
     for module in (plan, worker):
-        monkeypatch.setattr(module, "LARGEST", largest)
+        monkeypatch.setattr(module, "MAX_ROWS", largest)
     parquet.write_table(table(0, 1).take([*range(0, 300, 2)]), folder / "b.parquet")
     parquet.write_table(table(0).take([*range(1, 150, 2)]), folder / "c.parquet")
     counts = table(1).rename_columns(["unit", "time_s", "mx", "my", "mz"]).take([*range(1, 150, 2)])
@@ -448,7 +448,7 @@ def test_a_file_that_could_not_be_opened_at_first_fails_with_that_error(
 ) -> None:
     """Even if it can be opened later: its row groups are not in the plan."""
     for module in (plan, worker):
-        monkeypatch.setattr(module, "LARGEST", largest)
+        monkeypatch.setattr(module, "MAX_ROWS", largest)
     (folder / path).parent.mkdir(parents=True, exist_ok=True)
     parquet.write_table(table(0).drop_columns(["unit"]), folder / path, row_group_size=100)
 
@@ -469,7 +469,7 @@ def test_a_file_that_goes_while_the_run_goes_on_is_counted_once(
     folder: Path, largest: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for module in (plan, worker):
-        monkeypatch.setattr(module, "LARGEST", largest)
+        monkeypatch.setattr(module, "MAX_ROWS", largest)
     parquet.write_table(table(0, 1), folder / "a.parquet")
     (folder / "unit=U2" / "date=2026-03-01").mkdir(parents=True)
     parquet.write_table(table(2).drop_columns(["unit"]), folder / "unit=U2" / "date=2026-03-01" / "b.parquet")
@@ -506,7 +506,7 @@ def test_units_that_cannot_be_read_keep_their_batch(
     folder: Path, largest: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for module in (plan, worker):
-        monkeypatch.setattr(module, "LARGEST", largest)
+        monkeypatch.setattr(module, "MAX_ROWS", largest)
     lots = ["6"] * READINGS + ["7"] * READINGS
     parquet.write_table(table(0, 1, lot=lots), folder / "a.parquet", row_group_size=READINGS)
     spoil(folder / "a.parquet", 1, "mag_y_uT")

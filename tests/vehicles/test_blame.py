@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 TABLE = np.column_stack([0.1 * np.arange(80), np.random.default_rng(1).uniform(-400, 400, (80, 6))])
-OWN_STEPS = {"dataflash": "_position", "ros": "_position", "tlog": "_damage", "ulog": "_begun"}
+OWN_STEPS = {"dataflash": "_position", "ros": "_position", "tlog": "_damage", "ulog": "_start_time"}
 """A function of each log reader that works on what was parsed."""
 
 

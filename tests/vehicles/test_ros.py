@@ -350,7 +350,7 @@ def test_packed_messages_without_their_description_ask_for_the_folder(tmp_path: 
 @pytest.mark.parametrize("kind", ["mcap-packed", "sqlite-packed-messages", "sqlite-packed-file"])
 def test_what_unpacks_to_too_much_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
     folder = second(tmp_path, kind)
-    for module, name in ((files, "MOST_PIECE"), (ros, "MOST_PIECE"), (ros, "MOST_MEMBER")):
+    for module, name in ((files, "MAX_CHUNK_BYTES"), (ros, "MAX_CHUNK_BYTES"), (ros, "MAX_MEMBER_BYTES")):
         monkeypatch.setattr(module, name, 50)
     with assert_raises(UnreadableInput):
         opened(folder)

@@ -171,7 +171,7 @@ class Comparison:
         return self.worst_deg + (self.claimed_bound_deg or 0.0)
 
     @property
-    def required_bound_deg(self) -> float | None:
+    def telling_bound_deg(self) -> float | None:
         """Widest bound (95 %) with which this difference could be decided; None if it is decided."""
         if self.answer != "cannot-tell" or self.claimed_deg is None or self.claimed_bound_deg is None:
             return None

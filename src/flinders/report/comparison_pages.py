@@ -235,7 +235,7 @@ def _remedy(comparison: Comparison, *, is_checked: bool, is_limited: bool) -> st
         whose, what = "the calibration's", "calibrate again, from a longer recording"
     else:
         whose, what = "the recording's", "resolve its first limit:" if is_limited else "record for longer"
-    needed = angle(comparison.required_bound_deg or 0.0)
+    needed = angle(comparison.telling_bound_deg or 0.0)
     return f"Claims of {needed} together would suffice; the wider one is {whose} with {claim}: {what}"
 
 

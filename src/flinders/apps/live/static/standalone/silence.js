@@ -21,11 +21,11 @@ export class Silence {
      * @param {number[]} reading In the recorded unit.
      */
     has([x, y, z]) {
-        const { ENDS, WORD, BYTE_TWICE } = this.rules;
+        const { RANGE_ENDS, WORD_RANGE, REPEATED_BYTE_DIVISOR } = this.rules;
         if (x !== y || y !== z) return false;
-        const bits = ((x % WORD) + WORD) % WORD;
-        const isTwice = -WORD / 2 <= x && x < WORD && bits % BYTE_TWICE === 0;
-        if (!isTwice && !ENDS.includes(x)) return false;
+        const bits = ((x % WORD_RANGE) + WORD_RANGE) % WORD_RANGE;
+        const isTwice = -WORD_RANGE / 2 <= x && x < WORD_RANGE && bits % REPEATED_BYTE_DIVISOR === 0;
+        if (!isTwice && !RANGE_ENDS.includes(x)) return false;
         this.words.set(x + 0, (this.words.get(x + 0) ?? 0) + 1);
         return true;
     }

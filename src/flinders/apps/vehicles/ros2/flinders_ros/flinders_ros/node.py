@@ -75,7 +75,7 @@ class Calibrator(Node):
             array = DiagnosticArray(status=[status])
             array.header.stamp = self.get_clock().now().to_msg()
             self.diagnostics.publish(array)
-        if (text := self.news.file()) is not None:
+        if (text := self.news.new_file()) is not None:
             self.calibration.publish(String(data=text))
 
     def save(self):
