@@ -159,4 +159,4 @@ def recorded_site(recording: object, **more: Any) -> tuple[Site, str] | None:
     field, unit = recorded_field(recording), getattr(recording, "unit", None)
     if field is None or (unit is not None and unit.inside != MICROTESLA):
         return None
-    return Site.of(field, **more), f"place and date are in the log: {field}; used"
+    return Site.of(field, **more), f"place and date are in the log: {field}"
