@@ -201,7 +201,7 @@ def test_lines_that_pyarrow_cannot_cut_are_not_given_to_it(grid: Grid) -> None:
 
 
 def test_large_files_take_the_fast_path_and_small_ones_do_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """From `LEAST_FOR_ARROW` bytes on, and without pyarrow never; the samples are those of the table."""
+    """From `MIN_BYTES_FOR_ARROW` bytes on, and without pyarrow never; the samples are those of the table."""
     values = np.random.default_rng(5).normal(0.0, 30.0, (20_000, 3)).round(3)
     path = tmp_path / "log.csv"
     path.write_text("mx,my,mz\n" + "".join(f"{x!r},{y!r},{z!r}\n" for x, y, z in values.tolist()))

@@ -91,7 +91,7 @@ def compare_with_turn(known: Fit, fresh: Fit, recording: Recording, *, target_de
     Parameters
     ----------
     known, fresh, recording
-        As for `Levelled.of`.
+        As for `LevelPair.of`.
     target_deg : float
         Worst heading difference that is good enough, in degrees.
     """

@@ -59,7 +59,7 @@ def fit_folds(samples: Samples, terms: tuple[str, ...], rotation: Floats | None,
         Names of `flinders.estimators.aiding.AIDING_TERMS`.
     rotation : (3, 3) float, optional
         Approximate rotation of the magnetometer on the body, about which the fit searches.
-    near : Aided
+    near : AidedFit
         Fit of the whole recording, at which each fit starts.
     """
     gyro_scale = SCALE_SIGMA if "gyro_scale" in near.layout else 0.0

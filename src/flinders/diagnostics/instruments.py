@@ -311,7 +311,7 @@ def compass_yaw_mistake(samples: Samples, reference: AidedFit, dip_deg: float) -
     ----------
     samples : Samples
         With an attitude.
-    reference : Aided
+    reference : AidedFit
         A fit that does not use that yaw.
     dip_deg : float
         Inclination for the claim of `reference`.

@@ -215,13 +215,13 @@ def fit_aided(
     gyro_scale : float
         Prior 1 σ of the gyro's scale errors, and of its misalignment angles in rad, which are estimated. 0 for a
         calibrated gyro. Scale errors of more than `MAX_SCALE_SIGMAS` times this value indicate another error: the fit
-        is then repeated without scale errors, and `Aided.scales_off` has the largest one.
+        is then repeated without scale errors, and `AidedFit.scales_off` has the largest one.
     acceleration_bias : float
         Prior 1 σ of the accelerometer's bias on each axis in m/s², which is estimated. 0 for a calibrated
         accelerometer, whose gains are then exact, too.
     acceleration_gain : float
         Prior 1 σ of the accelerometer's gains, and of its misalignment angles in rad, which are estimated.
-    near : Aided, optional
+    near : AidedFit, optional
         Another fit to the same readings, which is the first start.
     shape : KnownShape, optional
         Prior of the shape from an earlier calibration of this sensor, instead of `spread`.

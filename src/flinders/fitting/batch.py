@@ -157,7 +157,7 @@ def fit_batch(
 
     Parameters
     ----------
-    units : sequence of Samples, or Lined
+    units : sequence of Samples, or ConcatenatedRecordings
         The readings of each.
     target_deg : float
         Worst heading error that is good enough, in degrees.

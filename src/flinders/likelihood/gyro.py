@@ -232,7 +232,7 @@ def direction_derivatives(turned: WindowRotation, q: Floats, turning: Floats, co
 
     Parameters
     ----------
-    turned : Turned
+    turned : WindowRotation
         Rotation of the body within the windows.
     q : (W, n, 3) float
         Direction of the field.

@@ -143,7 +143,7 @@ def mean_gradient(
 
     Parameters
     ----------
-    walk : Walked
+    walk : WalkStatistics
         Statistics of these windows.
     group : ObservationGroup
         Windows of a gyro.

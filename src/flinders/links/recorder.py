@@ -78,7 +78,7 @@ class Recorder:
         Without it nothing is written, and readings and events are only returned.
     seconds, readings : float and int, optional
         Duration after which `run` stops, and count of rows after which nothing more is read.
-    resumed : Resumed, optional
+    resumed : ResumedRecording, optional
         The recording that is continued, of which `sink` is the file.
     stopped : callable
         Called by `run` to decide whether to stop for another reason.
@@ -492,7 +492,7 @@ class RetryingSink:
 
     Parameters
     ----------
-    sink : ToFile
+    sink : FileSink
     say : callable
         Called with the reason, and when writing continues.
     clock : callable
@@ -628,7 +628,7 @@ class RecordedFeed:
     ----------
     feed : Feed
     sink : Sink
-    resumed : Resumed, optional
+    resumed : ResumedRecording, optional
         The recording that is continued, of which `sink` is the file.
 
     Examples

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def read_courses(path: str | os.PathLike[str]) -> Any:  # noqa: ANN401 - type of the package that reads it
-    """Read a log of velocities over ground; the result has `source`, `words` and `by_clock`.
+    """Read a log of velocities over ground; the result has `source`, `words` and `velocity_on_clock`.
 
     Raises `UsageError` if no package reads such logs, `InputError` if the file is none.
     """

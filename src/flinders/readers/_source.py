@@ -132,7 +132,7 @@ class File:
             yield from self._limited_chunks(raw, unpacked)
 
     def lines(self, encoding: str, blocks: int = 1) -> Generator[Lines, None, None]:
-        """Yield all lines: first `blocks` blocks of `BLOCK` lines, then one block at a time.
+        """Yield all lines: first `blocks` blocks of `BLOCK_ROWS` lines, then one block at a time.
 
         Raises `UnreadableInput` if the file cannot be opened, or its gzip data are broken or unpack to too much.
         """

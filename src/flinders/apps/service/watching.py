@@ -110,7 +110,7 @@ class Watch:
     Parameters
     ----------
     source : Source
-    calibration : OnlineCalibration or Begun
+    calibration : OnlineCalibration or InitialSettings
         To continue, or settings to begin with the first reading.
     files : Files
     every : float, s

@@ -57,7 +57,7 @@ class Sequential:
     after which P and θ' are updated as in a Kalman filter, and then the means. The result is exactly the batch solution
     of all readings so far. ``form="published"`` updates the means first and uses R = σ_k², as implementations of the
     paper do [1]_; the final difference is within a hundredth of the claim. Noise makes (c, I + E) too small by the
-    unexplained share of the variance of H²; `rescaled` corrects this from the means when the state is read, not in the
+    unexplained share of the variance of H²; `rescale` corrects this from the means when the state is read, not in the
     recursion.
 
     ``find="offset"`` keeps D = 0: three unknowns, well posed for any strength. ``find="all"`` finds offset and matrix,

@@ -67,7 +67,7 @@ class Station:
     plan : Plan
     operator, name : str
         Names of the operator and of the station.
-    board : Announcing, optional
+    board : SerialNumberSource, optional
         The wire, if the board reports its serial number.
     clock : callable
         Seconds, ascending.

@@ -75,7 +75,7 @@ def judge_test(
     ----------
     test : UnitTest
     ended : datetime
-    wanted : Wanted
+    wanted : FinishInputs
         Recording of the test and settings of the fit.
     plan : Plan
     folder : StationFolder
