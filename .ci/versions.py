@@ -2,9 +2,10 @@
 
     PYTHON .ci/versions.py [--wheel FILE] [--numpy 2.0.0] [--pins FILE] [TESTS...]
 
-The interpreter that runs this file is the one that is tested, on any system. It installs the wheel, or what it builds
-of the checkout, into an environment of its own, runs the demo, and the tests of engine, readers and commands; with
-`--smoke` the demo alone, with what the core needs. Where `uv` is on the path it installs, else pip.
+The interpreter that runs this file is the one that is tested, on any system. It installs the wheel, or a build of
+the checkout, into an environment of its own, and runs the demo and the tests of engine, readers and commands; with
+`--smoke` it runs the demo alone, with the packages of the core. If `uv` is on the path, it installs with `uv`, else
+with pip.
 """
 
 from __future__ import annotations
@@ -22,17 +23,17 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 TESTS = ["tests/agreement", "tests/readers", "tests/cli"]
 NOT_NEEDED = ("editables", "hatchling", "playwright", "uv", "ziglang", "flinders")
-"""Of what tests need: what builds the package or drives a browser."""
+"""Packages of the test group that this check leaves out: they build the package or drive a browser."""
 
 
 def run(*words: str | Path) -> None:
-    """Run a program, and end with its exit code where it fails."""
+    """Run a program, and end with its exit code if it fails."""
     ended = subprocess.run(list(map(str, words)), cwd=ROOT, check=False)
     if ended.returncode:
         sys.exit(f"{words[0]} ended with {ended.returncode}")
 
 
-def wanted(numpy: str, *, smoke: bool) -> list[str]:
+def packages(numpy: str, *, smoke: bool) -> list[str]:
     """Packages besides Flinders itself."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     tests = [line for line in project["dependency-groups"]["test"] if not line.startswith(NOT_NEEDED)]
@@ -64,7 +65,7 @@ def main() -> None:
             *install,
             *pins,
             f"flinders{extra} @ {asked.wheel.resolve().as_uri()}",
-            *wanted(asked.numpy, smoke=asked.smoke),
+            *packages(asked.numpy, smoke=asked.smoke),
         )
         run(python, "-c", "import numpy, sys; print(f'Python {sys.version.split()[0]}, NumPy {numpy.__version__}')")
         run(python, "-m", "flinders", "demo", "--json")

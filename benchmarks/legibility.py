@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 ROOT: Final = Path(__file__).resolve().parent.parent
 SOURCES: Final = ROOT / "src" / "flinders"
 MIN_WORDS: Final = 5
-"""Fewer words are no sentence."""
+"""Smallest count of words of a sentence."""
 WRITTEN: Final = ("plain", "remedy", "said", "fault", "help", "epilog")
 """Keywords whose value is a message."""
 
@@ -35,7 +35,8 @@ def docstrings(path: Path, tree: ast.Module) -> Iterator[str]:
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
             name = path.stem if isinstance(node, ast.Module) else node.name
             if written := ast.get_docstring(node):
-                yield f"{path.relative_to(ROOT)} {name}\n{written.split(chr(10) + '>>>')[0]}"
+                words, _, _ = written.partition("\n>>>")
+                yield f"{path.relative_to(ROOT)} {name}\n{words}"
     for before, after in zip(tree.body, tree.body[1:], strict=False):
         names = ast.unparse(before.target) if isinstance(before, ast.AnnAssign) else ""
         text = after.value.value if isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant) else None
@@ -44,7 +45,7 @@ def docstrings(path: Path, tree: ast.Module) -> Iterator[str]:
 
 
 def messages(path: Path, tree: ast.Module) -> Iterator[str]:
-    """What errors, findings and help texts say."""
+    """Messages of errors, findings and help texts; empty for short ones."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
             yield from (_words(path, value) for value in node.exc.args[:1])
@@ -53,9 +54,8 @@ def messages(path: Path, tree: ast.Module) -> Iterator[str]:
 
 
 def _words(path: Path, value: ast.expr) -> str:
-    """Text of a string, with names in braces for what is put in."""
-    parts = [ast.unparse(value)] if isinstance(value, ast.Constant | ast.JoinedStr) else []
-    text = "".join(part.strip("f'\"") for part in parts)
+    """Text of a string, with the expressions of its values in braces; empty for other values and for few words."""
+    text = ast.unparse(value).removeprefix("f")[1:-1] if isinstance(value, ast.Constant | ast.JoinedStr) else ""
     return f"{path.relative_to(ROOT)}\n{text}" if len(text.split()) >= MIN_WORDS else ""
 
 

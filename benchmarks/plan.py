@@ -53,7 +53,7 @@ class Followed:
 
     @classmethod
     def of(cls, plan: Plan, trials: int) -> Followed:
-        """Record and fit a plan so many times."""
+        """Record and fit a plan `trials` times."""
         errors, claims, verdicts = [], [], Counter[str]()
         for seed in range(FIRST_SEED, FIRST_SEED + trials):
             simulated = simulate_plan(plan.sequence, plan.recording, seed)

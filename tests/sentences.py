@@ -198,16 +198,15 @@ class Sentences:
             return (yield)
         book = self.books.setdefault(item.path, Book.of(item.path))
         running = Sentences.running = Running(book, name_of(item), self.regenerates, is_rare(item))
-        has_passed = False
         try:
-            yield
-            has_passed = True
+            result = yield
+        except BaseException:
+            running.end(has_passed=False)
+            raise
         finally:
             Sentences.running = None
-            if not has_passed:
-                running.end(has_passed=False)
         running.end(has_passed=True)
-        return None
+        return result
 
     def pytest_sessionfinish(self) -> None:
         """Drop the texts of tests that a module has no more."""

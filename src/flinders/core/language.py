@@ -22,7 +22,7 @@ from importlib.resources import files
 from string import Formatter
 from typing import TYPE_CHECKING, Any, Final
 
-from flinders.errors import UsageError, figures
+from flinders.errors import UsageError, count_text, figures
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -49,12 +49,9 @@ class Language:
         return self.fill(self.translation(key) or english, values)
 
     def count(self, number: float, thing: str) -> str:
-        """A number of things, such as ``3,000 readings``, where the language has the noun; else in English."""
+        """A number of things, such as ``3,000 readings``, if the language has the noun; else in English."""
         form = self.translation(f"things.{thing}.{'one' if number == 1 else 'other'}")
-        shown = f"{number:,.0f}"
-        return (
-            self.fill(form, {"count": self.numeral(shown)}) if form else f"{shown} {thing}{'' if number == 1 else 's'}"
-        )
+        return self.fill(form, {"count": self.numeral(f"{number:,.0f}")}) if form else count_text(number, thing)
 
     def fill(self, template: str, values: Mapping[str, Any]) -> str:
         """A format with its values; numbers have two digits unless the format says otherwise."""
@@ -62,10 +59,9 @@ class Language:
 
     def capitals(self, text: str) -> str:
         """A title in capitals, which have no accent in Greek."""
-        plain = (
-            unicodedata.normalize("NFD", text).replace("\N{COMBINING ACUTE ACCENT}", "") if self.code == "el" else text
-        )
-        return unicodedata.normalize("NFC", plain).upper()
+        if self.code == "el":
+            text = unicodedata.normalize("NFD", text).replace("\N{COMBINING ACUTE ACCENT}", "")
+        return unicodedata.normalize("NFC", text).upper()
 
     def numeral(self, text: str) -> str:
         """An English number, ``1,234.5``, with the signs of the language."""
