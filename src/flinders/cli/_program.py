@@ -35,7 +35,7 @@ from flinders.cli._process import prepare_streams, silence_stdout, spare_imports
 from flinders.cli._signals import STOP_SIGNALS, handle_signals, interrupt
 from flinders.cli._spelling import in_options, searched_commands
 from flinders.core.files import reason_and_remedy
-from flinders.core.language import ENGLISH, ENGLISH_CODE, OF_TERMINAL, language_of
+from flinders.core.language import ENGLISH, ENGLISH_CODE, TERMINAL_LANGUAGE, language_of
 from flinders.errors import FitError, FlindersError, OutputError, UsageError
 from flinders.verdicts import MEANINGS
 
@@ -84,7 +84,7 @@ def show_versions(context: click.Context, _option: click.Parameter, is_asked: bo
 
 def use_language(_context: click.Context, _option: click.Parameter, code: str | None) -> None:
     """Put pages for the terminal into a language."""
-    OF_TERMINAL.set(language_of(code or ENGLISH_CODE))
+    TERMINAL_LANGUAGE.set(language_of(code or ENGLISH_CODE))
 
 
 class Commanded(click.Group):
@@ -134,7 +134,7 @@ class Program(Commanded):
         except Exception as error:  # noqa: BLE001 - the one place that turns a fault of ours into a report
             code = _report_fault(error)
         code = code if isinstance(code, int) else GOOD
-        OF_TERMINAL.set(ENGLISH)  # for whoever runs a command line in a process of their own
+        TERMINAL_LANGUAGE.set(ENGLISH)  # for whoever runs a command line in a process of their own
         return sys.exit(code) if standalone_mode else code
 
     def resolve_command(

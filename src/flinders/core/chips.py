@@ -27,8 +27,9 @@ if TYPE_CHECKING:
 
 TABLE: Final = Path(__file__).with_name("chips.toml")
 DEVICE_TYPE_BIT: Final = 16
-"""Lowest of the 8 bits of a device id of ArduPilot and PX4 that say which chip it is."""
+"""Lowest of the 8 bits of a device id of ArduPilot and PX4 that name the chip."""
 MAX_SUGGESTIONS: Final = 3
+"""Largest count of names that are suggested for a mistyped one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,10 +94,10 @@ def find_chip(name: str) -> Chip:
     flinders.errors.UsageError: chip 'HMC5883M' is not known: did you mean HMC5883, HMC5883L, MMC5883MA?
     """
     spelled = _spellings()
-    found = spelled.get(_bare(name))
+    found = spelled.get(_letters_and_digits(name))
     if found is None:
-        near = get_close_matches(_bare(name), spelled, n=MAX_SUGGESTIONS)
-        written = [next(each for each in (spelled[key].name, *spelled[key].also) if _bare(each) == key) for key in near]
+        near = get_close_matches(_letters_and_digits(name), spelled, n=MAX_SUGGESTIONS)
+        written = [_written_name(spelled[key], key) for key in near]
         remedy = f"did you mean {', '.join(written)}?" if near else "the table of chips has no name like it"
         raise UsageError(f"chip {name!r} is not known: {remedy}")
     return found
@@ -111,7 +112,7 @@ def chips_named_in(text: str) -> tuple[Chip, ...]:
     ()
     """
     words = _pattern().findall(text.casefold())
-    return tuple(dict.fromkeys(_spellings()[_bare(word)] for word in words))
+    return tuple(dict.fromkeys(_spellings()[_letters_and_digits(word)] for word in words))
 
 
 def chip_of_device(device_id: int, autopilot: Literal["ardupilot", "px4"]) -> Chip | None:
@@ -137,7 +138,7 @@ def _chip_of(row: Mapping[str, Any]) -> Chip:
 @lru_cache(maxsize=1)
 def _spellings() -> Mapping[str, Chip]:
     """Chips by all their names, in lower case without hyphens."""
-    return {_bare(name): chip for chip in chips() for name in (chip.name, *chip.also)}
+    return {_letters_and_digits(name): chip for chip in chips() for name in (chip.name, *chip.also)}
 
 
 @lru_cache(maxsize=1)
@@ -148,6 +149,11 @@ def _pattern() -> re.Pattern[str]:
     return re.compile(rf"(?<![a-z0-9])({loose})(?:[magw]?[xyz]?)(?![a-z0-9])")
 
 
-def _bare(name: str) -> str:
+def _written_name(chip: Chip, key: str) -> str:
+    """Name or further spelling of a chip, as the table writes it, by its key in `_spellings`."""
+    return next(name for name in (chip.name, *chip.also) if _letters_and_digits(name) == key)
+
+
+def _letters_and_digits(name: str) -> str:
     """Write a name in lower case, letters and digits alone."""
     return re.sub(r"[^a-z0-9]", "", name.casefold())

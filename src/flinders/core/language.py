@@ -84,7 +84,7 @@ class _Filled(Formatter):
 
 ENGLISH: Final = Language(ENGLISH_CODE)
 
-OF_TERMINAL: Final[ContextVar[Language]] = ContextVar("language of the terminal", default=ENGLISH)
+TERMINAL_LANGUAGE: Final[ContextVar[Language]] = ContextVar("language of the terminal", default=ENGLISH)
 """Language of pages for the terminal, which the command line sets and only `flinders.report` reads."""
 
 

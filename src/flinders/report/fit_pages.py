@@ -10,7 +10,7 @@ from rich.console import Group
 from rich.table import Column
 from rich.text import Text
 
-from flinders.core.language import OF_TERMINAL
+from flinders.core.language import TERMINAL_LANGUAGE
 from flinders.core.units import unit_label
 from flinders.errors import FitError, count_text, figures, python_arguments
 from flinders.estimators.minmax import MinMax
@@ -197,7 +197,7 @@ def numbers(calibration: Calibration, offset_sigma: Floats, noise: float) -> Tex
 
 def findings(findings: Iterable[Finding], spell: Spelling) -> RenderableType:
     """One line for each finding: its limit, the advice, and its code."""
-    language = OF_TERMINAL.get()
+    language = TERMINAL_LANGUAGE.get()
     return notes(
         (finding.severity, translation.advice(finding, language) or advice(finding, spell), finding.code)
         for finding in findings
@@ -206,13 +206,13 @@ def findings(findings: Iterable[Finding], spell: Spelling) -> RenderableType:
 
 def lead(fit: Fit) -> Text:
     """The first sentence of the verdict, with the code of its finding."""
-    words, code = headline_of(fit, language=OF_TERMINAL.get())
+    words, code = headline_of(fit, language=TERMINAL_LANGUAGE.get())
     return Text(words).append(f" [{code}]" if code else "", "dim")
 
 
 def verdict_line(quality: Verdict, words: str | Text, *more: str) -> Table:
     """The verdict of a calibration, with its meaning and its basis."""
-    language = OF_TERMINAL.get()
+    language = TERMINAL_LANGUAGE.get()
     return verdict(language.capitals(language.phrase(f"verdict.{quality}", quality)), quality, words, *more)
 
 
@@ -231,7 +231,7 @@ def _change_words(fit: Fit) -> Text | None:
 def _verdict_of_fit(fit: Fit, basis: str, *more: str) -> Table:
     """The verdict of a calibration: its first sentence, its basis, and further lines."""
     if fit.verdict != "refused" and fit.claim.states_uncertainty:
-        language = OF_TERMINAL.get()
+        language = TERMINAL_LANGUAGE.get()
         dip = language.numeral(f"{fit.claim.known_dip_deg:.3g}")
         basis += "; " + (
             language.phrase("basis.assumed-dip", "level, dip {dip}° (assumed)", dip=dip)
@@ -244,7 +244,7 @@ def _verdict_of_fit(fit: Fit, basis: str, *more: str) -> Table:
 def _fit_verdict(fit: Fit) -> Table:
     is_noisy = fit.evidence.noise > MAX_NOISE_SHARE * fit.calibration.ellipsoid.radius
     is_surface = not (fit.judgement.is_flat or fit.claim.plane or is_noisy)
-    language = OF_TERMINAL.get()
+    language = TERMINAL_LANGUAGE.get()
     share = fit.evidence.coverage.fraction
     seen = language.phrase("basis.covered", ", {share:.0%} of the sphere covered", share=share) if is_surface else ""
     return _verdict_of_fit(
@@ -254,7 +254,7 @@ def _fit_verdict(fit: Fit) -> Table:
 
 def _further_lines(fit: Fit) -> Iterator[str]:
     """Further lines of a verdict: mounting, conditions, ageing, and whether the calibration is needed."""
-    language = OF_TERMINAL.get()
+    language = TERMINAL_LANGUAGE.get()
     if fit.verdict == "refused":
         return iter((language.phrase("basis.not-written", "no calibration was written"),))
     no_better = "" if is_improvement(fit) else language.phrase("basis.no-better", NO_BETTER_WORDS)

@@ -171,8 +171,8 @@ def _find_candidates(evidence: ChipEvidence, step: float, of: Iterable[Chip]) ->
     low, high = evidence.limits_ut
     left = []
     for chip in of:
-        for place, setting in enumerate(chip.settings):
-            found = _make_candidate(evidence, step, chip, setting, is_usual=place == 0 or setting.is_usual)
+        for setting in chip.settings:
+            found = _make_candidate(evidence, step, chip, setting)
             if _holds_readings(evidence, step, chip, setting) and (
                 found.strength_ut is None or low <= found.strength_ut <= high
             ):
@@ -180,9 +180,7 @@ def _find_candidates(evidence: ChipEvidence, step: float, of: Iterable[Chip]) ->
     return tuple(left)
 
 
-def _make_candidate(
-    evidence: ChipEvidence, step: float, chip: Chip, setting: ChipSetting, *, is_usual: bool
-) -> ChipCandidate:
+def _make_candidate(evidence: ChipEvidence, step: float, chip: Chip, setting: ChipSetting) -> ChipCandidate:
     """Candidate of a setting, for which one step of the readings is one count."""
     mean_ut = (2 * setting.lsb_ut + (setting.lsb_z_ut or setting.lsb_ut)) / 3
     return ChipCandidate(
@@ -191,8 +189,13 @@ def _make_candidate(
         lsb_ut=setting.lsb_ut,
         scale=setting.lsb_ut / step,
         strength_ut=None if evidence.strength is None else evidence.strength / step * mean_ut,
-        is_usual=is_usual,
+        is_usual=_is_usual(chip, setting),
     )
+
+
+def _is_usual(chip: Chip, setting: ChipSetting) -> bool:
+    """Whether a setting is that at power-up, or that of common drivers."""
+    return setting.is_usual or setting is chip.settings[0]
 
 
 def _holds_readings(evidence: ChipEvidence, step: float, chip: Chip, setting: ChipSetting) -> bool:
@@ -218,11 +221,7 @@ def _propose_by_name(
         reason += f" (usual: {usual})" if usual else ""
         scale = None
     elif not left:
-        every = [
-            _make_candidate(evidence, step, chip, setting, is_usual=False)
-            for chip in evidence.chips
-            for setting in chip.settings
-        ]
+        every = [_make_candidate(evidence, step, chip, setting) for chip in evidence.chips for setting in chip.settings]
         reason = (
             f"{evidence.named_by} names {names}, but none of its settings fits: they make the field of "
             f"{figures(strength, 3)} counts {_strength_words(every)}"
@@ -260,7 +259,7 @@ def _rival_words(evidence: ChipEvidence, left: Sequence[ChipCandidate], step: fl
     if len(missing) != 1:
         return ""
     chip = find_chip(missing[0])
-    made = [_make_candidate(evidence, step, chip, setting, is_usual=False) for setting in chip.settings]
+    made = [_make_candidate(evidence, step, chip, setting) for setting in chip.settings]
     low, high = evidence.limits_ut
     if any(low <= (each.strength_ut or 0.0) <= high for each in made):
         return ""
@@ -294,7 +293,7 @@ def _propose_by_fractions(evidence: ChipEvidence, spell: Spelling) -> ChipPropos
             lsb_ut=setting.lsb_ut,
             scale=PER_UNIT[unit],
             strength_ut=evidence.strength * PER_UNIT[unit],
-            is_usual=setting.is_usual or setting is chip.settings[0],
+            is_usual=_is_usual(chip, setting),
         )
         for _, chip, setting in found
     ]
@@ -330,7 +329,7 @@ def _make_proposal(
 ) -> ChipProposal:
     """Proposal with its advice."""
     names = tuple(dict.fromkeys(each.chip for each in left)) or tuple(chip.name for chip in evidence.chips)
-    mapped = next((chip for chip in chips() if names == (chip.name,) and not evidence.is_mapped), None)
+    mapped = find_chip(names[0]) if len(names) == 1 and not evidence.is_mapped else None
     rounded = None if scale is None else float(f"{scale:.6g}")
     proposal = ChipProposal(
         chips=names,

@@ -53,6 +53,10 @@ MAX_READINGS: Final = 4_000
 MAX_AIDED_READINGS: Final = 600
 """Largest count of readings of a simulated recording with aiding sensors."""
 
+GOOD_RANK, REACHED_RANK, LEVEL_RANK, MISSED_RANK, REFUSED_RANK = 3, 2, 1, 0, -1
+"""Grades of a result: a good verdict; headings within the target at every tilt of the body; within it while level; not
+within it; refused."""
+
 FIELD_STRENGTH: Final = 50.0
 """µT: field strength if the place is unknown."""
 
@@ -107,19 +111,15 @@ class ExpectedFit:
         return [finding.code for finding in self.fit.findings if finding.severity != "note"]
 
     def rank(self, tilt_deg: float) -> int:
-        """Grade of the result for a body that is tilted by up to `tilt_deg`.
-
-        3: good; 2: within the target at all tilts of the body; 1: within the target while level; 0: not within it;
-        −1: refused.
-        """
+        """Grade of the result, from `REFUSED_RANK` to `GOOD_RANK`, for a body that is tilted by up to `tilt_deg`."""
         claim = self.fit.claim
         if self.fit.verdict == "refused":
-            return -1
+            return REFUSED_RANK
         if self.fit.verdict == "good":
-            return 3
+            return GOOD_RANK
         if not claim.heading_error_deg.worst <= claim.target_deg:
-            return 0
-        return 2 if claim.attitude_limit_deg >= tilt_deg else 1
+            return MISSED_RANK
+        return REACHED_RANK if claim.attitude_limit_deg >= tilt_deg else LEVEL_RANK
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""

@@ -25,7 +25,14 @@ from flinders.core.units import COUNTS, Unit
 from flinders.errors import FitError, UsageError, did_you_mean
 from flinders.simulate.bodies import BODIES, QUARTER_DEG, UPSIDE_DOWN_DEG
 from flinders.simulate.motions import RATE_HZ
-from flinders.workflows.planned_fit import RecordingSettings, dip_of, expected_fit
+from flinders.workflows.planned_fit import (
+    GOOD_RANK,
+    LEVEL_RANK,
+    REACHED_RANK,
+    RecordingSettings,
+    dip_of,
+    expected_fit,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -49,10 +56,6 @@ MAX_SECONDS: Final = 900.0
 
 MAX_SPEED_RATIO: Final = 2.0
 """Largest ratio of the rate of turning to the usual one, if a duration is given."""
-
-GOOD_RANK, REACHED_RANK, LEVEL_RANK = 3, 2, 1
-"""Grades of a good verdict, and of headings within the target at every tilt of the body and while level; see
-`ExpectedFit.rank`."""
 
 MORE_TILT_DEG: Final = (10.0, 20.0, 35.0)
 """Degrees of tilt that are tried beyond those of the body."""
@@ -323,7 +326,7 @@ def _is_better(one: _Choice, other: _Choice, tilt_deg: float, *, by_error: bool)
     ranks = one.expected.rank(tilt_deg), other.expected.rank(tilt_deg)
     if ranks[0] != ranks[1]:
         return ranks[0] > ranks[1]
-    if ranks[0] > 0 and not by_error:
+    if ranks[0] >= LEVEL_RANK and not by_error:
         return one.candidate.seconds < other.candidate.seconds
     one_deg, other_deg = (each.expected.fit.claim.heading_error_deg.worst for each in (one, other))
     return one_deg < other_deg
