@@ -18,8 +18,8 @@ import flinders
 from flinders.cli.plan import BODIES as LISTED
 from flinders.errors import FitError, UnitError, UsageError
 from flinders.heading.error_propagation import direction_error_deg
-from flinders.simulate.bodies import BODIES
-from flinders.workflows.planned_fit import MAX_READINGS, RecordingSettings, expected_fit
+from flinders.simulate.bodies import BODIES, UPSIDE_DOWN_DEG
+from flinders.workflows.planned_fit import MAX_READINGS, REACHED_RANK, RecordingSettings, expected_fit
 from flinders.workflows.planning import noise_of, plan
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ def test_a_level_body_is_told_what_limits_it() -> None:
     assert_sentences(robot.steps)
     assert robot.as_dict()["expected"]["findings"] == ["level-plane"]
     assert robot.expected.fit.claim.attitude_limit_deg < 1.0
-    assert robot.expected.rank(0.0) == 2
+    assert robot.expected.rank(0.0) == REACHED_RANK
 
 
 def test_the_field_of_a_place_counts() -> None:
@@ -179,11 +179,12 @@ def test_too_few_readings_give_no_plan() -> None:
 
 
 def test_help_lists_the_bodies() -> None:
+    tilts = {0.0: "level", UPSIDE_DOWN_DEG: "any attitude"}
     assert LISTED.keys() == BODIES.keys()
-    assert all(
-        words.startswith(BODIES[name].description.split(" that ")[0].split(",")[0][:12])
-        for name, words in LISTED.items()
-    )
+    for name, words in LISTED.items():
+        description, _, tilt = words.partition(": ")
+        assert BODIES[name].description.startswith(description)
+        assert tilt == tilts.get(BODIES[name].tilt_deg, f"tilted by up to {BODIES[name].tilt_deg:g}°")
 
 
 def test_every_body_has_steps_for_each_of_its_sequences() -> None:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from flinders.workflows.planning import Plan
 
 MAX_DOTS: Final = 800
-"""Dots of the path."""
+"""Largest count of dots of the path."""
 
 
 def drawing_of(plan: Plan) -> str:

@@ -24,6 +24,7 @@ from flinders.findings.words import UPSIDE_DOWN
 from flinders.fitting.verdict import headline_of
 from flinders.report.formatting import degrees
 from flinders.report.terminal import facts, page, table, verdict, whole_columns
+from flinders.simulate.turn_sequence import CIRCLE_DEG
 from flinders.workflows.planned_fit import FIELD_STRENGTH, dip_of
 
 if TYPE_CHECKING:
@@ -77,7 +78,8 @@ def field_words(plan: Plan) -> str:
 
 def recording_words(plan: Plan) -> str:
     """Duration, readings, and the time of one turn."""
-    each = duration_text(360.0 / (plan.body.seconds(plan.sequence) / plan.seconds * plan.body.turning_deg_s))
+    usual_s = CIRCLE_DEG / plan.body.turning_deg_s
+    each = duration_text(usual_s * plan.seconds / plan.body.seconds(plan.sequence))
     return f"{duration_text(plan.seconds)}, {count_text(plan.readings, 'reading')}, {each} for each turn"
 
 
