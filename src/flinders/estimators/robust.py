@@ -53,9 +53,7 @@ class Robust:
     prior: float | None = prior.SOFT_IRON_SPREAD
 
     name: ClassVar[str] = "robust"
-    unknowns: ClassVar[int] = (
-        35  # with fewer, twelve that agree by chance can be the majority: with 25, 10 % have errors of 9 claims
-    )
+    unknowns: ClassVar[int] = 35  # with 25, twelve that agree by chance are the majority: 10 % have errors of 9 claims
     is_biased: ClassVar[bool] = False
 
     def __post_init__(self) -> None:

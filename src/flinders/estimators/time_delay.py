@@ -22,7 +22,7 @@ minutes. Motors with one column each are logged by one meter, and have a common 
 >>> later = np.interp(time - 0.2, time, current) + np.random.default_rng(1).normal(scale=0.1, size=600)
 >>> cost = lambda lag: float(np.sum((later - np.interp(time - lag, time, current)) ** 2)) / 0.1**2
 >>> delay = search_lag("current", cost, lag_grid(0.02))
->>> round(delay.seconds, 2), delay.is_significant, delay.is_beyond
+>>> round(delay.seconds, 2), delay.is_proven, delay.is_beyond
 (0.2, True, False)
 """
 
@@ -72,14 +72,14 @@ class Lag:
     is_beyond: bool = False
 
     @property
-    def is_significant(self) -> bool:
+    def is_proven(self) -> bool:
         """Whether the lag is significant."""
         return self.saved > MIN_CHI_SQUARE
 
     @property
     def used_sigma_s(self) -> float:
         """Standard deviation of the lag in use, which is 0 for a lag that is not significant, including that error."""
-        return self.sigma_s if self.is_significant else float(np.hypot(self.sigma_s, self.seconds))
+        return self.sigma_s if self.is_proven else float(np.hypot(self.sigma_s, self.seconds))
 
 
 def lag_grid(step_s: float) -> Floats:
@@ -132,7 +132,7 @@ def estimate_lags(
             cost = _Cost(logged, names, late, significant_lags(lags), solved)
             lag = cost.judged(search_lag(late[0], cost, lag_grid(logged.step_s)))
             lags |= {name: replace(lag, name=name) for name in late}
-            if not lag.is_significant:
+            if not lag.is_proven:
                 break
     return lags, solved
 
@@ -153,7 +153,7 @@ def lag_groups(names: Sequence[str]) -> list[tuple[str, ...]]:
 
 def significant_lags(lags: dict[str, Lag]) -> dict[str, float]:
     """Significant lags in s, by the name of the disturbance."""
-    return {name: lag.seconds for name, lag in lags.items() if lag.is_significant}
+    return {name: lag.seconds for name, lag in lags.items() if lag.is_proven}
 
 
 def solution_residuals(solved: DisturbanceSolution) -> Residuals:

@@ -171,13 +171,13 @@ class SurveyParameters:
             float(np.abs(step[layout.dip.start :]).max()),
         )
 
-    def linearize(self, gravity: Floats) -> Floats:
-        """Linearize (..., 3) readings of the accelerometer."""
+    def correct_quadratic(self, gravity: Floats) -> Floats:
+        """(..., 3) readings of the accelerometer, corrected for their quadratic terms."""
         return gravity + self.quadratic * gravity**2
 
     def corrected_directions(self, magnetic: Floats, gravity: Floats) -> tuple[Floats, Floats]:
         """Directions of field and gravity in the accelerometer's axes, of about unit length, from (..., 3) readings."""
-        pairs = ((magnetic, self.magnetometer), (self.linearize(gravity), self.accelerometer))
+        pairs = ((magnetic, self.magnetometer), (self.correct_quadratic(gravity), self.accelerometer))
         field, down = ((reading - own.offset) @ np.linalg.inv(own.rotated_shape).T for reading, own in pairs)
         return field, down
 
@@ -240,7 +240,7 @@ class ShotGroup:
         """(W, 9, n) residuals of field, gravity and aim, in standard deviations."""
         back = np.swapaxes(at.attitudes[self.shots], 2, 3)
         field = self.magnetic - at.magnetometer.offset - back @ at.field @ at.magnetometer.rotated_shape.T
-        gravity = at.linearize(self.gravity) - at.accelerometer.offset - back @ DOWN @ at.accelerometer.shape
+        gravity = at.correct_quadratic(self.gravity) - at.accelerometer.offset - back @ DOWN @ at.accelerometer.shape
         aim = directions[:, np.newaxis] - self.aim_directions(at)
         left = np.concatenate([field, gravity, aim], axis=2) * np.sqrt(self.weight)[..., np.newaxis]
         return np.swapaxes(left / np.repeat(noises, 3), 1, 2)

@@ -43,9 +43,8 @@ MAX_LINE_BYTES: Final = 4096
 MOTIONCAL_SLACK, MOTIONCAL_SHARE = 0.0001, 0.00003
 MIN_PLACES: Final = 2
 """Smallest count of decimals by which an echo is compared, also if it prints fewer."""
-UNKNOWN_VALUES: Final = (
-    "the board may hold the old values or the new ones"  # State of the board if the packet was already sent
-)
+UNKNOWN_VALUES: Final = "the board may hold the old values or the new ones"
+"""State of the board if the packet was already sent."""
 REOPEN_S: Final = 0.1  # Time between tries to open a port again
 NUMBER: Final = re.compile(r"[-+]?\d+(?:\.(\d*))?")
 NUMBER_COUNTS: Final = {"Cal1": 10, "Cal2": 9}

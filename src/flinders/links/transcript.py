@@ -157,10 +157,8 @@ def _is_time(column: Sequence[str]) -> bool:
 def _layout_without_columns(lines: list[str], header: Sequence[str] = (), **_: object) -> TextLayout:
     """Layout of a table whose columns of the magnetometer are unknown, of which all columns are recorded."""
     layout = recognise_table("", lines, "1,2,3", header)
-    layout = (
-        layout if layout.header else replace(layout, columns=layout.columns.with_only())
-    )  # an increasing column may be
-    # an axis
+    if not layout.header:  # an increasing column may be an axis
+        layout = replace(layout, columns=layout.columns.with_only())
     sign, decimal = layout.grid.delimiter, layout.grid.decimal
     rows = [split(line, sign) for line in lines]
     numeric = Counter(

@@ -47,9 +47,7 @@ MAX_GAUSS_LENGTH: Final = 20.0
 UNIT_LENGTH_TOLERANCE: Final = 0.02  # largest deviation of a unit vector's length from 1
 # largest relative deviation of the median length of gravity, for an accelerometer without calibration
 GRAVITY_TOLERANCE: Final = 0.06
-MAX_GRAVITY_SPREAD: Final = (
-    0.3  # largest spread of gravity's lengths while a hand turns the sensor, relative to their median
-)
+MAX_GRAVITY_SPREAD: Final = 0.3  # largest spread of gravity's lengths in a turn by hand, relative to their median
 # scatter of readings without rotation, relative to their length; a sphere through them has no meaning
 MAX_SCATTER_AT_REST: Final = 0.1
 # largest scatter of a magnetometer around the best sphere, relative to its radius, with soft iron

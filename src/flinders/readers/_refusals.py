@@ -49,9 +49,7 @@ ONE_VALUE_SIGNS: Final = (",", ";", "\t", "|")  # Delimiters of tables with one 
 SEARCHED_LETTERS: Final = 1024  # Characters of a line that are searched for labels
 MAX_EXAMPLE_LETTERS: Final = 160  # Longest line, in characters, that is shown as a pattern
 MAX_LINES_ABOVE: Final = 40  # First lines in which a header without readings is searched
-MAX_NAMELESS_COLUMNS: Final = (
-    5  # Largest number of columns of a table without header in which a leading number may name the sensor
-)
+MAX_NAMELESS_COLUMNS: Final = 5  # Columns of a table without header whose leading number may name the sensor, at most
 MAX_CODES: Final = 16  # Largest number of different codes in a column that may name the sensor of each line
 MIN_CHANGE_SHARE: Final = 0.2  # Share of rows at which such a code changes
 MIN_LINES_OF_CODE: Final = 10  # Smallest number of lines with a code for its lengths to be compared

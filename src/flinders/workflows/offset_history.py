@@ -27,6 +27,7 @@ from flinders.core.geomag import ASSUMED_DIP_DEG
 from flinders.errors import DocumentError
 from flinders.estimators.data import MAX_READING, MIN_READING
 from flinders.fitting.fit_file import load
+from flinders.readers._times import MIN_EPOCH_S
 from flinders.workflows.online import FORMAT, OnlineCalibration
 from flinders.workflows.walk import walk_of
 
@@ -40,8 +41,6 @@ MIN_STEP_S: Final = 7200.0
 """Smallest time between estimates that are used for a walk; closer ones count as one estimate."""
 MAX_ESTIMATES: Final = 400
 """Largest count of estimates that are used for a walk."""
-MIN_EPOCH_S: Final = 1e8
-"""Smallest time in seconds that counts as a date, from 1970."""
 MAX_EPOCH_S: Final = 2.5e11
 """Largest time of a date, in seconds from 1970."""
 ADOPTED_NAME: Final = re.compile(r"calibration-(?:(\d{8}T\d{6})Z|(-?\d+(?:\.\d+)?)s)\.json")

@@ -18,9 +18,9 @@ from flinders.apps.fleet.report import chance, common_unit
 from flinders.apps.fleet.walks import STATES
 from flinders.core.units import unit_label
 from flinders.errors import count_text, figures
+from flinders.readers._times import MIN_EPOCH_S
 from flinders.report.formatting import degrees, with_uncertainty
 from flinders.report.terminal import page, style_cells, table
-from flinders.workflows.offset_history import MIN_EPOCH_S
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

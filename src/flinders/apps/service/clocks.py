@@ -18,16 +18,15 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from flinders.readers._times import MIN_EPOCH_S
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from flinders.arrays import Floats
 
-MAX_CLOCK_DIFFERENCE_S: Final = (
-    2.0  # Difference of the sensor's and the machine's clock from which on the machine's is used
-)
+MAX_CLOCK_DIFFERENCE_S: Final = 2.0  # Largest difference of sensor and machine; beyond it the machine's clock is used
 MIN_RESET_S: Final = 1.0  # Step back from which on a clock counts as reset; readings late by less are left out
-MIN_UNIX_TIME_S: Final = 1e8  # Least time that counts as seconds from 1970
 
 
 def duration(seconds: float) -> str:
@@ -125,7 +124,7 @@ class RecordedClock:
         """Convert (N,) times to monotonic ones; N > 0."""
         if math.isnan(self._last):
             first = float(times[0])
-            if self._since is not None and first < min(self._since, MIN_UNIX_TIME_S):
+            if self._since is not None and first < min(self._since, MIN_EPOCH_S):
                 self._shift = self._since - first
             self._last = first + self._shift
         steps = np.diff(times + self._shift, prepend=self._last)

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 
-from flinders.apps.service.clocks import MIN_UNIX_TIME_S
+from flinders.readers._times import MIN_EPOCH_S
 from flinders.report.formatting import degrees
 from flinders.workflows.online_events import ACTIVITIES, CODES, WORDS
 
@@ -123,7 +123,7 @@ def moment(seconds: float) -> str:
 
 def date_of(seconds: float) -> str | None:
     """Time as a date, UTC, if it counts from 1970, else None."""
-    if not MIN_UNIX_TIME_S <= seconds <= MAX_DATE_S:
+    if not MIN_EPOCH_S <= seconds <= MAX_DATE_S:
         return None
     return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 

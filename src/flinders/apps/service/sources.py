@@ -18,12 +18,13 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
 
-from flinders.apps.service.clocks import MIN_UNIX_TIME_S, MachineClock, RecordedClock
+from flinders.apps.service.clocks import MachineClock, RecordedClock
 from flinders.core.units import Unit
 from flinders.errors import UnitError, UnreadableInput, UsageError
 from flinders.links.feeds import FeedEvent
 from flinders.links.recipients import Recipient
 from flinders.links.recorder import Recorder
+from flinders.readers._times import MIN_EPOCH_S
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -145,7 +146,7 @@ def of_recordings(recordings: Sequence[Recording], starts: Sequence[float] = ())
         Start of the times of each, s from 1970; 0 if unknown.
     """
     dated = list(zip(recordings, starts or [0.0] * len(recordings), strict=True))
-    if all(start >= MIN_UNIX_TIME_S for _, start in dated):
+    if all(start >= MIN_EPOCH_S for _, start in dated):
         dated.sort(key=lambda each: each[1] + first_time(each[0]))
     return _Replayed(_Recordings(dated), [recording for recording, _ in dated])
 

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.apps.service.clocks import MIN_UNIX_TIME_S
 from flinders.apps.service.reports import moment, words_of
+from flinders.readers._times import MIN_EPOCH_S
 from flinders.report.charts import (
     Axis,
     Plot,
@@ -189,7 +189,7 @@ def time_ticks(low: float, high: float, most: int) -> list[tuple[float, str]]:
 
 
 def _time_words(value: float, step: float) -> str:
-    if value < MIN_UNIX_TIME_S:
+    if value < MIN_EPOCH_S:
         per, unit = next(
             (each for each in ((DAY_S, "days"), (HOUR_S, "h"), (MINUTE_S, "min")) if step >= each[0]), (1.0, "s")
         )

@@ -16,12 +16,12 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Final
 
-from flinders.apps.service.clocks import MIN_UNIX_TIME_S
 from flinders.apps.service.reports import moment, words_of
 from flinders.apps.service.timeline_figures import DAY_S, MARKS, timeline
 from flinders.core.units import unit_label
 from flinders.errors import figures
 from flinders.findings.words import as_sentence, capitalise
+from flinders.readers._times import MIN_EPOCH_S
 from flinders.report.formatting import date_of, degrees
 from flinders.report.html_file import html_file, style_of
 from flinders.report.modules import join_modules
@@ -195,7 +195,7 @@ def _good_until(report: Report) -> tuple[str, str, str]:
 
 def _clock(seconds: float, words: str) -> tuple[str, str]:
     """Time of day, and date with further words; without a known date, the time alone."""
-    if seconds < MIN_UNIX_TIME_S:
+    if seconds < MIN_EPOCH_S:
         return moment(seconds), words
     date = datetime.fromtimestamp(seconds, UTC)
     return f"{date:%H:%M}", f"{date:%a} {date.day} {date:%b %Y} UTC; {words}"

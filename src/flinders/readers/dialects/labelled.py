@@ -43,9 +43,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 Kind: TypeAlias = "tuple[str, ...]"  # names of a line's numbers, which are equal for all lines of one kind
-MIN_KIND_SHARE: Final = (
-    0.5  # smallest frequency of a kind that is preferred for its unit, relative to the most frequent kind
-)
+MIN_KIND_SHARE: Final = 0.5  # smallest frequency of a kind preferred for its unit, relative to the most frequent kind
 MIN_AUXILIARY_SHARE: Final = 0.05  # smallest frequency of a kind that is read with the magnetometer, relative to it
 MIN_FIELD_SHARE: Final = 0.1
 """Smallest share of the magnetometer among lines of three or more numbers; labels that change are no names."""
