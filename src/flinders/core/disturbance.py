@@ -15,11 +15,11 @@ words, which are states.
 Sources: ArduPilot's CompassMot and PX4's CAL_MAG_COMP for the offset of motors; the HMC5883L's data sheet, p. 20, for
 the temperature; Springmann, Cutler (2012) for currents.
 
->>> motor_names = Disturbance("current", [0.4, 0.0, -0.2], lowest=0.5, highest=27.0)
->>> motor_names.shift(np.array([0.0, 10.0]))
+>>> motors = Disturbance("current", [0.4, 0.0, -0.2], lowest=0.5, highest=27.0)
+>>> motors.shift(np.array([0.0, 10.0]))
 array([[ 0.,  0., -0.],
        [ 4.,  0., -2.]])
->>> print(motor_names)
+>>> print(motors)
 current: 0.4, 0, -0.2 per A, from 0 A, recorded 0.5 to 27 A
 >>> charger = Disturbance("charger", [4.0, 0.0, -1.5], highest=1.0, states=("idle", "charging"))
 >>> charger.shift(["idle", "charging"])[:, 0]

@@ -11,8 +11,8 @@ The engine finds rests (``flinders_rests``); a fit of the engine alone also does
 >>> rests = Rests.of(samples)
 >>> len(rests), rests.bounds[0], rests.are_left_out
 (12, array([ 0, 10]), False)
->>> average = rests.average(samples)
->>> len(average), average.time[:2]
+>>> averaged = rests.average(samples)
+>>> len(averaged), averaged.time[:2]
 (12, array([ 4.5, 14.5]))
 """
 

@@ -10,8 +10,8 @@ direction is counted as not observable if a large part of its information is spu
 
 >>> ring = np.stack([np.cos(np.arange(60.0)), np.sin(np.arange(60.0)), np.zeros(60)], axis=1)
 >>> ellipsoid = Ellipsoid(np.zeros(3), 50.0 * np.eye(3))
->>> perpendicular_vectors = spurious_information(ring, ellipsoid)[2, 2]            # a shift of the centre along z
->>> round(float(perpendicular_vectors) * 50.0**2 / 60.0, 3)
+>>> information = spurious_information(ring, ellipsoid)[2, 2]  # a shift of the centre along z
+>>> round(float(information) * 50.0**2 / 60.0, 3)
 1.0
 """
 

@@ -51,9 +51,8 @@ class Report:
     # of `walk`, `offset` and `radius`: `uT`, or `counts` if the scale is unknown; None before the first reading
     unit: str | None
     target_deg: float  # target of the heading error
-    good_until_s: (
-        float | None
-    )  # s: time at which the error reaches the target without further updates; None if unknown, or beyond 10 years
+    # s: time at which the error reaches the target without further updates; None if unknown, or beyond 10 years
+    good_until_s: float | None
     good_until: str | None  # the same as a date (UTC)
     is_locked: bool  # the calibration in force stays, despite newer estimates
     readings: int  # since this program was started
