@@ -50,19 +50,19 @@ def main() -> None:
     parser.add_argument("tests", nargs="*", default=TESTS)
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+        has_uv = shutil.which("uv") is not None
         environment = Path(folder) / "environment"
-        run(sys.executable, "-m", "venv", *(["--without-pip"] if shutil.which("uv") else []), environment)
+        run(sys.executable, "-m", "venv", *(["--without-pip"] if has_uv else []), environment)
         scripts = sysconfig.get_path("scripts", "venv", {"base": str(environment)})
         python = Path(scripts) / ("python.exe" if os.name == "nt" else "python")
-        install = (
-            ["uv", "pip", "install", "--quiet", "--python", python]
-            if shutil.which("uv")
-            else [python, "-m", "pip", "install", "--quiet"]
+        installer = (
+            ["uv", "pip", "install", "--python", str(python)] if has_uv else [str(python), "-m", "pip", "install"]
         )
         pins = ["--constraint", asked.pins] if asked.pins else []
         extra = "" if asked.smoke else "[all]"
         run(
-            *install,
+            *installer,
+            "--quiet",
             *pins,
             f"flinders{extra} @ {asked.wheel.resolve().as_uri()}",
             *packages(asked.numpy, smoke=asked.smoke),
