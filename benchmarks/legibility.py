@@ -2,7 +2,8 @@
 
     python -m benchmarks.legibility [--seed 50] [--docstrings 200] [--messages 100] [--sentences 100]
 
-A fresh reader, who knows magnetometers and not this program, reads each once and notes those that had to be read twice.
+A fresh reader, who knows magnetometers but not this program, reads each text once and notes those that needed a second
+reading.
 The bound is 4 of 200 docstrings, 1 of 100 messages and 2 of 100 sentences. Drawn are docstrings of modules, classes and
 functions, and the strings below constants; messages of errors, findings and help texts; sentences of docs/ outside of
 code and tables.

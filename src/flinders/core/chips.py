@@ -1,7 +1,7 @@
 """Common magnetometer chips: µT of a count, range, noise, axes and known mistakes, each with its source.
 
-``chips.toml`` beside this module has a table for each chip, and says what its keys mean. A value that no source was
-seen for is left out.
+``chips.toml`` beside this module has a table for each chip, and explains its keys. A value without a source is left
+out.
 
 >>> chip = find_chip("mpu-9250")
 >>> chip.name, chip.axes, [setting.lsb_ut for setting in chip.settings]
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 TABLE: Final = Path(__file__).with_name("chips.toml")
 DEVICE_TYPE_BIT: Final = 16
-"""Lowest of the 8 bits of a device id of ArduPilot and PX4 that name the chip."""
+"""Lowest of the 8 bits that name the chip in a device id of ArduPilot and PX4."""
 MAX_SUGGESTIONS: Final = 3
 """Largest count of names that are suggested for a mistyped one."""
 
@@ -38,8 +38,8 @@ class ChipSetting:
 
     name: str  # of the range, gain or mode
     lsb_ut: float  # µT: one count of x and y
-    lsb_z_ut: float | None = None  # µT: one count of z; None where it is that of x and y
-    range_ut: float | None = None  # µT: largest field; None where no source says
+    lsb_z_ut: float | None = None  # µT: one count of z; None if it is that of x and y
+    range_ut: float | None = None  # µT: largest field; None without a source
     zero: int = 0  # counts: the reading in zero field
     is_usual: bool = False  # whether a driver among the sources selects it, other than that after power-on
 
@@ -52,10 +52,10 @@ class Chip:
     also: tuple[str, ...]  # further spellings, and packages that hold it
     maker: str  # who makes it
     settings: tuple[ChipSetting, ...]  # gains and ranges, that after power-on first
-    bits: int | None = None  # of the word of an axis; None where no source says, as in the next two
-    noise_ut: float | None = None  # µT: rms noise of one reading
+    bits: int | None = None  # word length of an axis; None without a source
+    noise_ut: float | None = None  # µT: rms noise of one reading; None without a source
     noise_at: str = ""  # setting of that noise
-    axes: str = ""  # mapping of its registers as ``--axes`` takes it; empty where no source says that one is needed
+    axes: str = ""  # mapping of its registers as ``--axes`` takes it; empty if no source states one
     axes_are: str = ""  # axes that the mapping leads to
     traps: tuple[str, ...] = ()  # known mistakes, a sentence each
     sources: tuple[str, ...] = ()  # documents and drivers that have these values
@@ -116,7 +116,7 @@ def chips_named_in(text: str) -> tuple[Chip, ...]:
 
 
 def chip_of_device(device_id: int, autopilot: Literal["ardupilot", "px4"]) -> Chip | None:
-    """Return the chip that a device id of an autopilot names; None where the table lacks its type."""
+    """Return the chip that a device id of an autopilot names; None if the table lacks its type."""
     kind = device_id >> DEVICE_TYPE_BIT & 0xFF
     return next((chip for chip in chips() if kind in getattr(chip, autopilot)), None)
 

@@ -53,7 +53,7 @@ def markdown(rows: Iterable[Chip]) -> str:
 
 
 def lsb_words(setting: ChipSetting, digits: int = 6) -> str:
-    """Write the µT of a count, and that of z where it differs.
+    """Write the µT of a count, and that of z if it differs.
 
     >>> from flinders.core.chips import find_chip
     >>> lsb_words(find_chip("BMM350").settings[0], 3)
@@ -64,12 +64,12 @@ def lsb_words(setting: ChipSetting, digits: int = 6) -> str:
 
 
 def noise_words(chip: Chip) -> str:
-    """Write the rms noise with its setting; nothing where no source says it."""
+    """Write the rms noise with its setting; empty without a source."""
     return "" if chip.noise_ut is None else f"{chip.noise_ut:g} µT rms ({chip.noise_at})"
 
 
 def axes_words(chip: Chip) -> str:
-    """Write the mapping of axes, and the axes that it leads to; nothing where none is known."""
+    """Write the mapping of axes, and the axes that it leads to; empty if none is known."""
     return chip.axes and f"--axes={chip.axes} for {chip.axes_are}"
 
 
@@ -99,7 +99,7 @@ def _section(chip: Chip) -> list[str]:
 
 
 def _setting_words(setting: ChipSetting) -> str:
-    """Write a setting for the docs: µT of a count, the reading in zero field where it is not 0, and its use."""
+    """Write a setting for the docs: µT of a count, the reading in zero field if it is not 0, and its use."""
     zero = f", {setting.zero} counts in zero field" if setting.zero else ""
     usual = " (usual)" if setting.is_usual else ""
     return f"{lsb_words(setting)}{'' if setting.name == 'fixed' else f' at {setting.name}'}{zero}{usual}"

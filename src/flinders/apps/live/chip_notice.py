@@ -1,6 +1,6 @@
-"""Notice of the chips whose counts a sensor on a wire may send, once enough of the field is seen.
+"""Notice of the chips that may have sent the counts of a sensor on a wire, given when the coverage is large enough.
 
-The rule is that of `flinders info`; nothing is applied: the words say with which options the command is started anew.
+The rule is that of `flinders info`. Nothing is applied: the notice states the options for a new start of the command.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from flinders.errors import Hint
 
 MIN_READINGS: Final = 300
-"""Readings before the first attempt; each further one waits for twice as many."""
+"""Count of readings before the first attempt; it doubles before each further attempt."""
 
 
 class ChipNotice:
@@ -28,7 +28,7 @@ class ChipNotice:
         self._is_given = False
 
     def words(self, log: Log) -> str:
-        """Return the proposal for readings in counts, in words; nothing before enough is seen, and after that."""
+        """Return the proposal for readings in counts, in words, once; empty before there is one, and afterwards."""
         if self._is_given or log.unit.inside != COUNTS or log.buffer.total < self._next_attempt:
             return ""
         self._next_attempt = 2 * log.buffer.total
