@@ -98,6 +98,7 @@ def with_placeholders(text: str) -> str:
         text = re.sub(rf"(?<!\w){re.escape(folder)}/{of_pytest}[\w.-]+", "<tmp>", text)
     text = text.replace(os.environ.get("FLINDERS_DATA") or "\0", "<data>").replace(str(TESTS.parent), "<project>")
     text = re.sub(r"(\blocalhost:|127\.0\.0\.1:|\[::1\]:|\bport )\d{4,5}\b", r"\1<port>", text)
+    text = re.sub(r"/dev/pts/\d+", "/dev/pts/<number>", text)
     text = re.sub(r"\bflinders-[a-z0-9_]{8}\b", "flinders-<random>", text)
     for words, placeholder in WORDS_OF_OTHERS.items():
         text = words.sub(placeholder, text)

@@ -97,7 +97,7 @@ def find_chip(name: str) -> Chip:
     if found is None:
         near = get_close_matches(_bare(name), spelled, n=MAX_SUGGESTIONS)
         written = [next(each for each in (spelled[key].name, *spelled[key].also) if _bare(each) == key) for key in near]
-        remedy = f"did you mean {', '.join(written)}?" if near else "the table of chips has no name like it"
+        remedy = f"did you mean {', '.join(written)}?" if near else "give the name that is printed on the chip itself"
         raise UsageError(f"chip {name!r} is not known: {remedy}")
     return found
 
