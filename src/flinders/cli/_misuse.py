@@ -71,6 +71,8 @@ def _no_such_option(error: click.NoSuchOption) -> str:
     likely = [*begun, *called, *(error.possibilities or ())]
     if name == "--language" and error.ctx and error.ctx.parent:
         return f"'{name}' stands before the command, as in flinders {name} de {error.ctx.info_name}"
+    if name == "--chip":
+        return f"'{name}' is an option of flinders info, which shows the --scale and --axes to give"
     problem = f"No such option '{name}'"
     return f"{problem}: did you mean '{likely[0]}'?" if likely else problem
 
