@@ -71,7 +71,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, ClassVar, TypeAlias
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Sequence
 
 Hint: TypeAlias = Mapping[str, object]
 """Arguments of a remedy: values by keyword of the Python interface, None for any value.
@@ -231,15 +231,19 @@ class NoOnboardCalibration(InputError):
 
 
 class MissingExtra(InputError):
-    """A format whose `package` is not installed; `extra` is the extra of Flinders that installs it."""
+    """A format whose `package` is not installed; `extra` is the extra of Flinders with all `packages` that it needs.
+
+    >>> print(MissingExtra("serialx", "serial", "a serial port", ["serialx"]))
+    a serial port needs serialx, which is not installed: pip install serialx (with uv: uv pip install serialx)
+    """
 
     code = "missing-extra"
 
-    def __init__(self, package: str, extra: str, what: str) -> None:
+    def __init__(self, package: str, extra: str, what: str, packages: Sequence[str]) -> None:
         self.package, self.extra = package, extra
+        install = f"pip install {' '.join(packages)}"
         super().__init__(
-            f"{what} needs {package}, which is not installed: pip install 'flinders[{extra}]' "
-            f"(in a checkout: uv sync --inexact --extra {extra})",
+            f"{what} needs {package}, which is not installed: {install} (with uv: uv {install})",
             package=package,
             extra=extra,
         )

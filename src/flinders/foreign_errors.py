@@ -4,11 +4,13 @@
 [1, 2]
 >>> import_optional("no_package", "hdf5", "an HDF5 file")
 Traceback (most recent call last):
-flinders.errors.MissingExtra: an HDF5 file needs no_package, which is not installed: pip install 'flinders[hdf5]' ...
+flinders.errors.MissingExtra: an HDF5 file needs no_package, which is not installed: pip install h5py (with uv: uv
+pip install h5py)
 """
 
 from __future__ import annotations
 
+import re
 import struct
 import zlib
 from contextlib import contextmanager
@@ -27,12 +29,29 @@ MAX_MESSAGE_LENGTH: Final = 120
 def import_optional(package: str, extra: str, what: str) -> Any:  # noqa: ANN401 - a module, and few of these have types
     """Import an optional package such as ``h5py``; `what` is its use, with an article: ``an HDF5 file``.
 
-    Raises `MissingExtra`, with the command that installs the `extra`, if the package is not installed.
+    Raises `MissingExtra`, with the command that installs the packages of the `extra`, if the package is not installed.
     """
     try:
         return import_module(package)
     except ImportError:
-        raise MissingExtra(package.partition(".")[0], extra, what) from None
+        missing = package.partition(".")[0]
+        raise MissingExtra(missing, extra, what, packages_of_extra(extra) or [missing]) from None
+
+
+def packages_of_extra(extra: str) -> list[str]:
+    """Packages that an extra of Flinders installs, by its metadata; empty where that is missing.
+
+    >>> packages_of_extra("parquet"), packages_of_extra("fleet")
+    (['pyarrow'], ['dask', 'distributed', 'pyarrow'])
+    """
+    from importlib import metadata
+
+    try:
+        requirements = metadata.requires("flinders") or []
+    except metadata.PackageNotFoundError:
+        return []
+    of_extra = re.compile(rf"""([\w-]+)[^;]*; extra == ['"]{extra}['"]""")
+    return [match[1] for requirement in requirements if (match := of_extra.match(requirement))]
 
 
 INPUT_ERRORS: Final = (

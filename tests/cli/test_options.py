@@ -59,3 +59,19 @@ def test_a_mistyped_option_is_answered_with_one_option_and_the_help_of_its_comma
     ended = CliRunner().invoke(main, typed.split())
     assert ended.exit_code == 2, ended.stderr
     assert_sentences(ended.stderr)
+
+
+def test_the_name_of_a_chip_is_given_to_the_command_that_looks() -> None:
+    ended = CliRunner().invoke(main, ["calibrate", "tumble.csv", "--chip", "HMC5883L"])
+    assert ended.exit_code == 2
+    assert_sentences(ended.stderr)
+
+
+@pytest.mark.parametrize(
+    ("words", "language"), [("demo", "xx"), ("--language xx demo", ""), ("demo --language de", ""), ("live --lang", "")]
+)
+def test_a_language_that_cannot_be_used(words: str, language: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FLINDERS_LANGUAGE", language)
+    ended = CliRunner().invoke(main, words.split())
+    assert ended.exit_code == 2
+    assert_sentences(ended.stderr)

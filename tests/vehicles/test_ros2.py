@@ -213,7 +213,7 @@ def test_a_network_that_cannot_be_used_is_said(domain: int, monkeypatch: pytest.
 def test_a_missing_package_is_named_with_its_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("cyclonedds", "cyclonedds.domain"):
         monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(MissingExtra, match=r"flinders\[ros2\]"):
+    with pytest.raises(MissingExtra, match="pip install cyclonedds"):
         feeds.opened(MAG)
 
 

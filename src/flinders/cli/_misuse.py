@@ -13,6 +13,7 @@ import re
 from typing import TYPE_CHECKING, Final
 
 import click
+from click.core import ParameterSource
 
 from flinders.links.serial_ports import SERIAL_PORT
 
@@ -41,6 +42,8 @@ def misuse_message(error: click.ClickException) -> str:
         problem = problem.replace(said, plainer)
     if isinstance(error, click.NoSuchOption):
         problem = _no_such_option(error)
+    elif isinstance(error, click.BadParameter) and (variable := _variable(error)):
+        problem = f"Invalid value of the variable {variable}: {' '.join(error.message.split()).rstrip('.')}"
     elif isinstance(error, click.MissingParameter) and (example := _example(context)):
         problem = f"{problem}, as in {example}"
     see = " See" if problem.endswith("?") else "; see"
@@ -66,8 +69,20 @@ def _no_such_option(error: click.NoSuchOption) -> str:
     begun = [option for option in options if option.startswith(name)]
     called = [option for option in (OTHER_NAMES.get(name),) if option in options]
     likely = [*begun, *called, *(error.possibilities or ())]
+    if name == "--language" and error.ctx and error.ctx.parent:
+        return f"'{name}' stands before the command, as in flinders {name} de {error.ctx.info_name}"
+    if name == "--chip":
+        return f"'{name}' is an option of flinders info, which shows the --scale and --axes to give"
     problem = f"No such option '{name}'"
     return f"{problem}: did you mean '{likely[0]}'?" if likely else problem
+
+
+def _variable(error: click.BadParameter) -> str:
+    """The environment variable that the value is from; empty for a value from the command line."""
+    if error.ctx is None or error.param is None or error.param.name is None:
+        return ""
+    is_of_environment = error.ctx.get_parameter_source(error.param.name) is ParameterSource.ENVIRONMENT
+    return str(error.param.envvar) if is_of_environment else ""
 
 
 def _options(command: click.Command) -> Collection[str]:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import ctypes
 import platform
-import re
 from importlib import metadata, resources
 from typing import TYPE_CHECKING, Final
 
 from flinders.core.version import VERSION
+from flinders.foreign_errors import packages_of_extra
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -16,15 +16,10 @@ if TYPE_CHECKING:
 KERNELS: Final = {1: "baseline kernels", 2: "AVX2 kernels"}
 """Names of the engine's kernels, by the number that the engine returns."""
 
-OPTIONAL_REQUIREMENT: Final = re.compile(r"([\w-]+)[^;]*; extra == ['\"]all['\"]")
-"""Pattern of a requirement of ``flinders[all]`` in the metadata of the installed package."""
-
 
 def versions() -> str:
     """Lines of name and version, beginning with the program."""
-    optional = sorted(
-        match[1] for line in metadata.requires("flinders") or () if (match := OPTIONAL_REQUIREMENT.match(line))
-    )
+    optional = sorted(packages_of_extra("all"))
     there = [f"{name} {_version(name)}" for name in optional if _version(name)]
     missing = [name for name in optional if not _version(name)]
     rows = {
@@ -34,7 +29,7 @@ def versions() -> str:
         "engine": _engine(),
         "3-D view": _bundle(),
         "optional": ", ".join(there) or "none",
-        "missing": ", ".join(missing) + "; pip install 'flinders[all]'" if missing else "",
+        "missing": ", ".join(missing) + "; each by: pip install NAME" if missing else "",
         "plugins": ", ".join(_plugins()),
     }
     return "\n".join(f"{name:<8} {value}" for name, value in rows.items() if value)
@@ -63,7 +58,10 @@ def _bundle() -> str:
     """State of the page's 3-D library, with advice if it is missing."""
     if resources.files("flinders").joinpath("static", "vendor", "three.js").is_file():
         return "installed"
-    return "not installed, npm could not fetch it; in a checkout: uv sync --reinstall-package flinders"
+    return (
+        "not installed, npm could not fetch it; in the checkout: pip install --force-reinstall --no-deps . "
+        "(with uv: uv sync --reinstall-package flinders)"
+    )
 
 
 def _plugins() -> Iterable[str]:

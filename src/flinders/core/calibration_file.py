@@ -379,9 +379,9 @@ def parse_document(
     tag = kind.__struct_config__.tag
     found = content.get("flinders") if isinstance(content, dict) else None
     if found != tag and isinstance(found, str) and found in KIND_WORDS:
-        raise refused(f"{source}: is {KIND_WORDS[found]}: need {what}")
+        raise refused(f"{source} is {KIND_WORDS[found]}: give {what}")
     if found != tag or not isinstance(content, dict):
-        raise refused(f'{source}: is JSON, but not {what}: lacks "flinders": "{tag}"')
+        raise refused(f'{source} is JSON, but not {what}: it lacks "flinders": "{tag}"')
     _refuse_other_schemas(content, source, refused)
     return _convert(content, kind, source, refused)
 
@@ -390,13 +390,13 @@ def _parse(text: bytes, source: str, what: str, refused: type[FlindersError]) ->
     """Parse any JSON; a byte order mark, which some editors add, is removed."""
     text = text.removeprefix(b"\xef\xbb\xbf")
     if not text.strip():
-        raise refused(f"{source}: is empty: need {what}")
+        raise refused(f"{source} is empty: give {what}")
     try:
         return msgspec.json.decode(text)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         reason = readable_message(error)
-        hint = "the file was cut short" if "truncated" in reason else f"need {what}"
-        raise refused(f"{source}: cannot be read as JSON ({reason}): {hint}") from None
+        hint = "the file was cut short" if "truncated" in reason else f"give {what}"
+        raise refused(f"{source} cannot be read as JSON ({reason}): {hint}") from None
 
 
 def _refuse_other_schemas(content: dict[str, Any], source: str, refused: type[FlindersError]) -> None:

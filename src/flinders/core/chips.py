@@ -98,7 +98,7 @@ def find_chip(name: str) -> Chip:
     if found is None:
         near = get_close_matches(_letters_and_digits(name), spelled, n=MAX_SUGGESTIONS)
         written = [_written_name(spelled[key], key) for key in near]
-        remedy = f"did you mean {', '.join(written)}?" if near else "the table of chips has no name like it"
+        remedy = f"did you mean {', '.join(written)}?" if near else "give the name that is printed on the chip itself"
         raise UsageError(f"chip {name!r} is not known: {remedy}")
     return found
 

@@ -88,7 +88,7 @@ def read_bytes(path: str | os.PathLike[str], *, largest: int, what: str, refused
         with Path(path).open("rb") as file:
             text = file.read(largest + 1)
     except (OSError, ValueError) as error:
-        raise refused(f"{path}: cannot be read: {reason_and_remedy(error)}") from None
+        raise refused(f"{path} cannot be read: {reason_and_remedy(error)}") from None
     if len(text) > largest:
         raise refused(f"{path}: more than {largest // 2**20} MB is no {what}: check the name")
     return text

@@ -5,6 +5,8 @@
 ('limited', 'Some directions are N° from the nearest reading')
 >>> explain("heading-error").meaning.partition(":")[0]
 'The heading may be off by more than the target'
+>>> explain("field-strength").meaning.partition(". ")[0], explain("axis-swap").action.partition(". ")[2]
+("The field that was found, N µT, is not one of the earth's", 'A swap through the whole recording cannot be told.')
 >>> explain("coverge")
 Traceback (most recent call last):
 flinders.errors.UsageError: there is no finding or error 'coverge': did you mean coverage?
@@ -17,6 +19,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 from flinders.errors import UsageError
+from flinders.findings import LINK
 from flinders.findings.catalogue import CATALOGUE
 from flinders.findings.refusal import REFUSALS
 from flinders.findings.row import VERDICTS
@@ -58,9 +61,9 @@ def explain(code: str) -> Explanation:
             code,
             row.plain.format_map(_Named()),
             _verdict(row.severities),
-            row.number,
+            LINK.sub(r"\1", row.number),
             row.limit_words,
-            as_sentence(row.action),
+            as_sentence(LINK.sub(r"\1", row.action)),
             f"docs/findings.md#{code}",
         )
     if refusal := REFUSALS.get(code):
@@ -82,6 +85,7 @@ PLACEHOLDERS: Final = {
     "number": "N",
     "seconds": "N",
     "angle": "N°",
+    "length": "N µT",
     "why_large": (
         "The heading may be off by more than the target: too few readings for their noise, too few directions, or "
         "recordings that contradict each other"

@@ -144,10 +144,7 @@ ROWS: Final = (
         code="coverage",
         affects="attitudes",
         number="angle from the middle of the largest gap to the nearest reading, degrees",
-        action=(
-            "good up to the tilt that the advice names, and how fast it gets worse beyond; for all attitudes turn"
-            " the sensor as the advice says"
-        ),
+        action=("use it up to the tilt that the advice names; for all attitudes turn the sensor as the advice says"),
         fleet_action="turn the sensor through the directions without readings too",
         rule=Rule("hole_deg", (Grade("limits", 60.0),)),
         fault="some directions are {hole_deg:.0f}° from the nearest reading ({covered:.0%} of the sphere is covered)",

@@ -98,7 +98,7 @@ ROWS: Final = (
             "readings follow the {unmodelled} that was recorded with them, by up to {unmodelled_deg}° of heading, "
             "which is not in the heading error"
         ),
-        said="let the calibration follow the {unmodelled}, or record without",
+        said="record without it, or let the calibration follow the {unmodelled}",
         hint={"disturbances": None},
         plain=(
             "What was recorded beside the compass, such as the current of a motor, moves it by up to {angle} of "
@@ -121,8 +121,8 @@ ROWS: Final = (
             "hides in offset and soft iron"
         ),
         said=(
-            "a current follows the attitude, a magnetic part is loose, or iron is close; record the current and "
-            "calibrate with it, fasten the part, or record elsewhere"
+            "a current follows the attitude, a magnetic part is loose, or iron is close; fasten the part, record "
+            "elsewhere, or record the current and calibrate with it"
         ),
         hint={"disturbances": None},
         plain=(

@@ -90,6 +90,6 @@ def _place(asked: str, names: list[str], width: int) -> int:
             return known.index(wanted)
     if asked.isdecimal() and 1 <= int(asked) <= width:
         return int(asked) - 1
-    there = f"its columns are {list_columns(names)}" if names else f"it has no header and {width} columns"
+    there = f"the columns are {list_columns(names)}" if names else f"the table has no header and {width} columns"
     meant = did_you_mean(asked, names)
     raise UsageError(f"there is no column {asked!r}{meant}: {there}; give names or numbers from 1 to {width}")

@@ -250,10 +250,10 @@ def advice(judged: Sequence[ColumnGroup]) -> tuple[str, Hint]:
     rest = [str(group) for group in judged if not group.is_candidate]
     others = ", ".join(rest[:MAX_OTHERS] + ["…"] * (len(rest) > MAX_OTHERS))
     if not able:
-        return f"judged by their values none is a magnetometer: {others}; if three are, name them", XYZ
+        return f"judged by their values, none is a magnetometer: {others}; if three are, name them", XYZ
     do = "if so, name them" if len(able) == 1 else "name one of them, such as the first"
     besides = f"; others: {others}" * bool(others)
-    return f"judged by their values {' or '.join(map(str, able))} may be the magnetometer{besides}; {do}", {
+    return f"judged by their values, columns {' or '.join(map(str, able))} may be the magnetometer{besides}; {do}", {
         "columns": able[0].columns
     }
 

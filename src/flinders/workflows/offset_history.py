@@ -96,7 +96,7 @@ class OffsetHistory:
                 return cls.of(OnlineCalibration.load(path), name=name)
             return cls._of_lines(path, name)
         except OSError as error:
-            raise DocumentError(f"{path}: cannot be read: {reason_and_remedy(error)}") from None
+            raise DocumentError(f"{path} cannot be read: {reason_and_remedy(error)}") from None
 
     @classmethod
     def _of_folder(cls, folder: Path, name: str) -> Self:
@@ -201,7 +201,7 @@ def _histories_at(path: Path) -> Iterable[Path]:
             return [path]
         found = sorted(each for each in path.iterdir() if is_history(each))
     except OSError as error:
-        raise DocumentError(f"{path}: cannot be read: {reason_and_remedy(error)}") from None
+        raise DocumentError(f"{path} cannot be read: {reason_and_remedy(error)}") from None
     if not found:
         raise DocumentError(f"{path}: holds no output of `flinders watch`: give states, or adopted calibrations")
     return found

@@ -24,7 +24,8 @@ from multiprocessing import forkserver, resource_tracker
 from time import monotonic
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
-from flinders.errors import LinkError, MissingExtra, OutputError
+from flinders.errors import LinkError, OutputError
+from flinders.foreign_errors import import_optional
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -340,10 +341,6 @@ def _gone_error(scheduler: str) -> LinkError:
 
 def _distributed() -> Any:  # noqa: ANN401
     """Import Dask's distributed; raises MissingExtra if it is not installed."""
-    try:
-        import distributed
-        import distributed.client
-        import distributed.scheduler
-    except ImportError:
-        raise MissingExtra("distributed", "fleet", "a run on a Dask scheduler") from None
-    return distributed
+    for module in ("client", "scheduler"):
+        import_optional(f"distributed.{module}", "fleet", "a run on a Dask scheduler")
+    return import_optional("distributed", "fleet", "a run on a Dask scheduler")

@@ -26,7 +26,8 @@ from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any, Final, cast
 
 from flinders.core.files import reason_and_remedy, write_all
-from flinders.errors import MissingExtra, OutputError, OutputExists, UnreadableInput
+from flinders.errors import OutputError, OutputExists, UnreadableInput
+from flinders.foreign_errors import import_optional
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -151,12 +152,8 @@ def _file(path: Path | os.DirEntry[str], name: str) -> StoredFile:
 
 def obstore() -> Any:  # noqa: ANN401 - the module
     """Import obstore; raises MissingExtra if it is not installed."""
-    try:
-        import obstore
-        import obstore.store
-    except ImportError:
-        raise MissingExtra("obstore", "cloud", "an object store") from None
-    return obstore
+    import_optional("obstore.store", "cloud", "an object store")
+    return import_optional("obstore", "cloud", "an object store")
 
 
 def _split(where: str) -> tuple[str, str]:
