@@ -27,7 +27,7 @@ ROWS: Final = (
             "The heading in the recorded attitude errs by {angle}, in step with the heading itself. It most "
             "likely came from this compass before it was corrected, and was not used."
         ),
-        remedy="Take the attitude without its heading, or one that no compass has a part in.",
+        remedy="Take the attitude without its heading, or one that uses no compass.",
     ),
     CatalogueRow(
         code="gyro-unit",
@@ -111,7 +111,7 @@ ROWS: Final = (
             "with {aid!r} the gyro's scales would have to be off by {amount}, without it they are correct: "
             "{why_disagree}; it was not used, leave {aid!r} out"
         ),
-        plain="Gyro and vertical do not go together. The vertical was not used.",
+        plain="The gyro and the recorded vertical contradict each other. The vertical was not used.",
         remedy="Leave the vertical out, as it leans in turns; or record while turning on the spot.",
     ),
     CatalogueRow(
@@ -126,8 +126,8 @@ ROWS: Final = (
             "motion: it was not used; leave 'dip' out, or record while turning on the spot"
         ),
         plain=(
-            "The vehicle was moving in turns, so that what tells which way is down leans by {number:.0f}°. It was not"
-            " used."
+            "The vehicle was moving in turns, so that the vertical of its accelerometer leans by {number:.0f}°. The "
+            "accelerometer was not used."
         ),
         remedy="Record while turning on the spot, or slowly.",
     ),

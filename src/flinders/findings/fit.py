@@ -130,10 +130,13 @@ ROWS: Final = (
     CatalogueRow(
         code="bias",
         grades="note; limits above the target",
-        number="how far the method is off the likelihood, degrees of heading, rms, beyond what chance explains",
+        number="difference of the method from the maximum-likelihood fit beyond chance, degrees of heading, rms",
         action="use `auto`: the method's model is too simple for this sensor, or noise biases it",
         rule=Rule("bias_deg", (Grade("note", 0.1, "target_deg"), Grade("limits", 1.0, "target_deg"))),
-        said="{method!r} is {bias_deg}° of heading (rms) off the likelihood, beyond what chance explains: {why_biased}",
+        said=(
+            "headings by {method!r} are {bias_deg}° (rms) off those of the maximum-likelihood fit, more than chance "
+            "explains: {why_biased}"
+        ),
         plain=(
             "The method that was chosen costs {angle} of heading on average: it is too simple for this sensor, or"
             " not made for a recording like this."
@@ -203,9 +206,13 @@ ROWS: Final = (
         action="turn the sensor as the advice says, or trust that soft iron is mild",
         fleet_action="turn the sensor through more directions, or trust that soft iron is mild",
         rule=Rule("prior_share", (Grade("limits", 0.1),)),
-        said="part of the shape rests to {prior_share:.0%} on the prior that soft iron is mild: {movement}",
+        said=(
+            "the prior that soft iron is mild has a share of {prior_share:.0%} in the least known parameter of the "
+            "shape: {movement}"
+        ),
         plain=(
-            "One of the 9 numbers of the correction rests to {number:.0%} on what is likely, and not on the recording."
+            "One of the 9 numbers of the correction comes to {number:.0%} from the assumption that soft iron is mild, "
+            "and not from the recording."
         ),
         remedy="{movement}",
     ),

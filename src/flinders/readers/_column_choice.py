@@ -134,8 +134,8 @@ def _refuse_unclear(names: Sequence[str], values: Floats, source: str, heading: 
         what = list_names([f"{each.whole} ({each.instead})" for each in others])
         columns = ",".join(names[cell].strip() for cell in others[0].cells)
         raise NoMagnetometer(
-            f"no readings of a magnetometer among the columns of {source}: their names say otherwise: {what}; "
-            "name the three columns with readings of the sensor, such as these if their names mislead",
+            f"the columns of {source} are not readings of a magnetometer, by their names: {what}; name the three "
+            "columns with its readings, such as these if their names mislead",
             hint={"columns": columns},
         )
     width = values.shape[1]

@@ -114,7 +114,7 @@ class KnownHeadings(program.Group):
     )  # fmt: skip
     stationary_s: float = program.member(
         "--stationary", heading=program.RECORDING, type=program.positive, default=2.0, show_default=True, metavar="S",
-        help="Shortest stationary interval in LOG, in seconds; 50 readings without a clock; 20 s for a boat.",
+        help="Shortest stationary interval in LOG, in s (without a clock: 50 readings; log of a boat: 20 s).",
     )  # fmt: skip
 
     @property
