@@ -283,12 +283,12 @@ ROWS: Final = (
             "independent_share", (Grade("note", 0.5),), comparison="<", needs=(Needs("independent", ">=", 20.0),)
         ),
         said=(
-            "residuals are correlated{correlation}: {samples:,.0f} readings say as much as {independent:,.0f} "
-            "independent ones would, and the heading error allows for it. Usual for a tumble by hand; less of it "
-            "away from iron"
+            "residuals are correlated{correlation}: {samples:,.0f} readings contain as much information as "
+            "{independent:,.0f} independent ones, and the heading error allows for it. That is usual for a tumble by "
+            "hand; away from iron the correlation is weaker"
         ),
         plain=(
-            "Readings that follow each other err alike, so that they tell less than as many independent ones would. "
+            "Successive readings have similar errors, so that they contain less information than independent ones. "
             "The errors given here allow for it."
         ),
     ),

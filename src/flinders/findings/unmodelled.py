@@ -180,8 +180,8 @@ ROWS: Final = (
         ),
         hint={"linearize": True},
         plain=(
-            "An axis of the sensor does not answer in proportion to the field, which an offset and a matrix do not "
-            "remove: {angle} of heading. The errors given here allow for it."
+            "An axis of the sensor is not linear, which an offset and a matrix cannot correct and which costs {angle} "
+            "of heading. The errors given here allow for it."
         ),
         remedy=(
             "Move the sensor away from magnets, so that it works in the middle of its range, or linearize its axes "
@@ -201,7 +201,7 @@ ROWS: Final = (
             "linearizes it; the uncertainty of its curve is up to {linearized_deg}° of heading, which the heading "
             "error includes"
         ),
-        plain="An axis of the sensor does not answer in proportion to the field, and the correction allows for that.",
+        plain="An axis of the sensor is not linear, and the calibration corrects that.",
     ),
     CatalogueRow(
         code="axis-lag",
