@@ -149,10 +149,9 @@ ROWS: Final = (
         ),
         hint={"aiding": "dip"},
         plain=(
-            "The instrument that tells which way is down is off, and adds {angle} to a heading, however good the"
-            " compass is."
+            "The vertical of the accelerometer is wrong, which adds {angle} to a heading, however good the compass is."
         ),
-        remedy="Let the calibration use that instrument, too, so that it finds what is wrong with it.",
+        remedy="Calibrate with the accelerometer as well, so that its errors are found.",
     ),
     CatalogueRow(
         code="nonlinear-axis",

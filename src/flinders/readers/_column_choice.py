@@ -128,7 +128,7 @@ def _refuse_two(axes: Sequence[int], width: int, source: str, quoted: str) -> No
 
 
 def _refuse_unclear(names: Sequence[str], values: Floats, source: str, heading: str, cells: Sequence[str]) -> None:
-    """Raise an error for a table with references only, or whose names are inconclusive but whose values are not."""
+    """Raise an error if names show no magnetometer, but other fields, or if only values show one."""
     others = [each for each in vectors(names, list(map(meaning, names)), FIELD) if each.instead]
     if others:
         what = list_names([f"{each.whole} ({each.instead})" for each in others])

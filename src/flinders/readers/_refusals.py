@@ -192,8 +192,8 @@ def _refuse_thousands(name: str, rows: Sequence[Sequence[str]], columns: Columns
             return
     if len(grouped) >= 3 and 100 <= max(whole, default=0) < 1000:
         raise UnreadableInput(
-            f"numbers of {name} such as {grouped[0]!r} next to {max(whole):.0f} seem to group thousands with "
-            f"{decimal!r}: save it without separator, or name the columns if it is the decimal sign",
+            f"numbers of {name} such as {grouped[0]!r} next to {max(whole):.0f} seem to have {decimal!r} as thousands "
+            f"separator: save them without it, or name the columns if {decimal!r} is the decimal sign",
             hint={"columns": None},
         )
 
