@@ -55,7 +55,7 @@ class OutputOptions(program.Group, heading=program.OUTPUT):
     )  # fmt: skip
     convergence: str | None = program.member(
         "--convergence", what="the convergence", metavar="FILE",
-        help="Also draw (FILE.svg) or list (FILE.csv) how the estimate converges, for methods that can be watched.",
+        help="Also draw (FILE.svg) or list (FILE.csv) how the estimate converges, for iterative methods.",
     )  # fmt: skip
     verbose: bool = program.flag("--verbose", "Also print notes that apply to nearly every calibration.")
     plots: bool = program.member("--plot/--no-plot", default=True, help="Draw the readings, on a terminal.")

@@ -28,7 +28,7 @@ class Import(program.Group):
     file: str = program.argument("FILE")
     target: str | None = program.member("--for", metavar="TARGET", help="Tool of the file [default: by its content].")
     compass: int | None = program.member(
-        "--compass", type=click.IntRange(0, 3), metavar="N", help="Number of the compass, as the file counts."
+        "--compass", type=click.IntRange(0, 3), metavar="N", help="Number of the compass, as counted in the file."
     )
     sensor: str | None = option.sensor(
         "For a log: which magnetometer, by number or name, or all of them [default: the only one with a calibration].",

@@ -213,8 +213,8 @@ def _courses(recording: Any, path: str | None) -> tuple[TimeSeries, object]:  # 
         say(f"{log.source}: {log.words}")
         if not start:
             raise UsageError(
-                f"the times of {recording.source} do not count from 1970, as those of {log.source}: record both with "
-                "the clock of one computer"
+                f"the times of {recording.source} do not count from 1970, unlike those of {log.source}: record both "
+                "with the clock of one computer"
             )
         return log.velocity_on_clock(start), log
     if (velocity := getattr(recording, "velocity", None)) is None:

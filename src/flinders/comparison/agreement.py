@@ -203,14 +203,14 @@ def _lengths(seen: Floats, edges: NDArray[np.intp]) -> Floats:
 
 
 def _has_unusual_length(lengths: Floats, limit: float) -> NDArray[np.bool_]:
-    """(m, K) whether the length of a sensor is unusual in a block."""
+    """(m, K) whether the readings of a sensor have an unusual length in a block."""
     usual = np.nanmedian(np.abs(lengths), axis=1, keepdims=True)
     changed: NDArray[np.bool_] = np.abs(lengths) > np.maximum(MIN_UNUSUAL_RATIO * usual, 0.5 * limit)
     return changed
 
 
 def _has_changed_nearby(differ: NDArray[np.bool_], lengths: Floats, limit: float) -> NDArray[np.bool_]:
-    """(m, K) whether the length of a sensor changes anywhere in the stretch of disagreement around a block."""
+    """(m, K) whether readings of a sensor have an unusual length anywhere in the disagreement around a block."""
     changed = _has_unusual_length(lengths, limit)
     has_changed = np.zeros_like(changed)
     for run in true_runs(differ.any(axis=(0, 1))):

@@ -62,7 +62,7 @@ MAX_JOINT_ERROR_RATIO: Final = 1.5
 """Largest ratio of a sensor's heading error, in the joint fit over alone; above it the sensor is fitted alone."""
 
 MAX_OUTLIER_SHARE: Final = 0.5
-"""Largest share of outliers among a sensor's readings, and of those outliers that the joint fit accepts."""
+"""Largest share of outliers among a sensor's readings; also of outliers of its own fit that the joint fit accepts."""
 
 MAX_ROUNDS: Final = 3
 """Largest count of fits, each without the stretches in which a sensor deviated in the fit before."""

@@ -92,7 +92,7 @@ class Triad:
         )
 
     def to_record(self) -> TriadRecord:
-        """Make the record of a file."""
+        """Convert to the record that a calibration file holds."""
         return TriadRecord(
             matrix=_rows(self.matrix),
             matrix_sigma=None if self.matrix_sigma is None else _rows(self.matrix_sigma),

@@ -42,7 +42,7 @@ MIN_COSINE: Final = float(np.cos(np.deg2rad(20.0)))
 """Cosine of the largest angle between a reading and its farthest neighbour; beyond 20° no value is predicted."""
 
 MIN_PREDICTED: Final = 0.2
-"""Smallest share of readings with such neighbours; with fewer the result is NaN."""
+"""Smallest share of readings with neighbours that close; with fewer the result is NaN."""
 
 
 def predicted_share(values: Floats, directions: Floats) -> float:

@@ -249,7 +249,7 @@ def fit_parameters(
     acceleration_bias: float = ACCELERATION_SIGMA,
     acceleration_gain: float = GAIN_SIGMA,
 ) -> Parameters:
-    """Parameters from part of the readings of another fit, as in `fit_aided`, but without the slow claims."""
+    """Parameters from part of the readings of another fit, as in `fit_aided`, but without claims, which take longer."""
     samples = _average_rests(samples)
     accelerometer = _accelerometer(samples, terms, acceleration_bias, acceleration_gain)
     put = _Inputs(samples, tuple(terms), None, rotation, prior.SOFT_IRON_SPREAD, gyro.WINDOW_S, accelerometer)

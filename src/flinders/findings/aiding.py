@@ -27,7 +27,7 @@ ROWS: Final = (
             "The heading in the recorded attitude errs by {angle}, in step with the heading itself. It most "
             "likely came from this compass before it was corrected, and was not used."
         ),
-        remedy="Take the attitude without its heading, or one that no compass has a part in.",
+        remedy="Take the attitude without its heading, or one that uses no compass.",
     ),
     CatalogueRow(
         code="gyro-unit",
@@ -39,7 +39,7 @@ ROWS: Final = (
             "the rate fits {times_better:.0f} times better {as_what}: record it in rad/s, clockwise along an axis"
             " positive; it was not used"
         ),
-        plain="The recorded turning rate does not go with the compass, unless it is in another unit. It was not used.",
+        plain="The recorded turning rate contradicts the compass, unless it is in another unit. It was not used.",
         remedy="Record the turning rate in radians a second.",
     ),
     CatalogueRow(
@@ -52,7 +52,7 @@ ROWS: Final = (
             "the gyro does not explain {gyro_leaves:.0%} of the field's motion in any unit and axes: it is "
             "stuck, at its limit, slower than the readings, or that of another body or time; it was not used"
         ),
-        plain="The recorded turning rate does not go with the compass. It was not used.",
+        plain="The recorded turning rate contradicts the compass. It was not used.",
         remedy=(
             "Check that the instrument is on the same body, is not at its limit, and is recorded as often as the "
             "compass."
@@ -111,7 +111,7 @@ ROWS: Final = (
             "with {aid!r} the gyro's scales would have to be off by {amount}, without it they are correct: "
             "{why_disagree}; it was not used, leave {aid!r} out"
         ),
-        plain="Gyro and vertical do not go together. The vertical was not used.",
+        plain="The gyro and the recorded vertical contradict each other. The vertical was not used.",
         remedy="Leave the vertical out, as it leans in turns; or record while turning on the spot.",
     ),
     CatalogueRow(
@@ -126,8 +126,8 @@ ROWS: Final = (
             "motion: it was not used; leave 'dip' out, or record while turning on the spot"
         ),
         plain=(
-            "The vehicle was moving in turns, so that what tells which way is down leans by {number:.0f}°. It was not"
-            " used."
+            "The vehicle was moving in turns, so that the vertical of its accelerometer leans by {number:.0f}°. The "
+            "accelerometer was not used."
         ),
         remedy="Record while turning on the spot, or slowly.",
     ),
@@ -145,7 +145,7 @@ ROWS: Final = (
             "{aid!r} deviates by {astray_deg:.0f}° (1 σ) from the field, for any mounting of the magnetometer: "
             "{why_astray}; it was not used"
         ),
-        plain="What was recorded of how the body was held does not go with the compass. It was not used.",
+        plain="The recorded attitude of the body contradicts the compass. It was not used.",
         remedy="Check in which direction the recorded attitude turns, its times, and that it is of the same body.",
     ),
     CatalogueRow(
@@ -159,7 +159,7 @@ ROWS: Final = (
             "measurements contradict the field, or the motion leaves too much undetermined; it was not used, leave "
             "{aid!r} out or turn the sensor through more directions"
         ),
-        plain="What was recorded of how the body was held makes the calibration worse. It was not used.",
+        plain="The recorded attitude of the body makes the calibration worse. It was not used.",
         remedy="Turn the vehicle through more directions, or calibrate without that instrument.",
     ),
     CatalogueRow(
@@ -172,7 +172,7 @@ ROWS: Final = (
             "{usable:.0f} of {samples:,.0f} readings have {what_is_empty}: record it, or leave {aid!r} out; it was not "
             "used"
         ),
-        plain="Something that should have helped was recorded as empty. It was not used.",
+        plain="A quantity that was to help the calibration is missing in nearly all readings. It was not used.",
         remedy="Check what is recorded beside the compass.",
     ),
     CatalogueRow(
@@ -199,8 +199,8 @@ ROWS: Final = (
             "the offset along it; turn it about another axis as well"
         ),
         plain=(
-            "Nearly all turning was about one axis. The turning rate says nothing of what disturbs the compass "
-            "along it."
+            "Nearly all turning was about one axis. The turning rate does not determine the offset of the compass "
+            "along that axis."
         ),
         remedy="Also turn the vehicle about another axis, a little to either side.",
     ),

@@ -24,9 +24,7 @@ ROWS: Final = (
             "joint effect is known, but hardly the effect of each; use the calibration where they rise and fall as in "
             "the recording, follow one of them alone, or vary each by itself"
         ),
-        plain=(
-            "Several things that the compass follows rose and fell together, so that their effects cannot be separated."
-        ),
+        plain="Several recorded disturbances rose and fell together, so that their effects cannot be separated.",
         remedy="Use the correction where they rise and fall as recorded, or record again and vary each by itself.",
     ),
     CatalogueRow(
@@ -42,10 +40,10 @@ ROWS: Final = (
             "{noisy_remedy}, or hold each setting for longer"
         ),
         plain=(
-            "What the compass follows is measured with so much noise that its effect was found up to {number:.0%}"
+            "A recorded disturbance, such as a current, has so much noise that its effect was found up to {number:.0%}"
             " too small."
         ),
-        remedy="Record a steadier value of it, or hold each setting for longer.",
+        remedy="Record it with less noise, or hold each setting for longer.",
     ),
     CatalogueRow(
         code="disturbance-constant",
@@ -58,7 +56,7 @@ ROWS: Final = (
             "determined: vary it over its whole range while turning the sensor"
         ),
         plain=(
-            "Something that the compass was to follow hardly changed during the recording, so that its effect is not "
+            "A recorded disturbance, such as a current, hardly changed during the recording, so that its effect is not "
             "known."
         ),
         remedy="Record again, and change it over its whole range while turning.",
@@ -75,7 +73,7 @@ ROWS: Final = (
             "{name} explains nothing: where readings were left out of the fit, their strength scatters "
             "{scatter_ratio:.3f} times as much with it as without; the calibration does not follow it"
         ),
-        plain="One of the columns that the compass was to follow does not move it, and was left out.",
+        plain="One of the columns that were named does not affect the compass, and was left out.",
         remedy="Leave that column out.",
     ),
     CatalogueRow(
@@ -90,8 +88,8 @@ ROWS: Final = (
             "the offset follows {disturbance} ({unit}): that takes away up to {removed_deg}° of heading {at_end}, "
             "{remaining_deg}° of it left (1 σ{running}){explains}{without}"
         ),
-        plain="The compass was made to follow what disturbs it. Without that, headings would be off by up to {angle}.",
-        remedy="Use the correction only where what it follows is measured as in the recording.",
+        plain="A recorded disturbance is corrected. Without that, headings would be off by up to {angle}.",
+        remedy="Use the calibration only where the disturbance is measured as in the recording.",
     ),
     CatalogueRow(
         code="disturbance-uncertain",
@@ -105,8 +103,8 @@ ROWS: Final = (
             "{at_end} the heading may be off by {left_at_most_deg}° (1 σ; the target is {target_deg:g}°) due to the "
             "uncertainty of {name}'s effect: vary it while turning the sensor through all directions"
         ),
-        plain="At the far end of what the compass follows, headings may be off by {angle}.",
-        remedy="Record again, with more of it at that end, while turning through all directions.",
+        plain="At the far end of the range of a recorded disturbance, headings may be off by {angle}.",
+        remedy="Record again, longer at that end of its range, while turning through all directions.",
     ),
     CatalogueRow(
         code="disturbance-collinear-attitude",
@@ -118,10 +116,10 @@ ROWS: Final = (
             "attitude, not in step with the turning"
         ),
         plain=(
-            "What the compass follows changed together with the way it was turned ({number:.0%} of it), so that "
-            "one cannot be distinguished from the other."
+            "A recorded disturbance changed in step with the attitude of the sensor ({number:.0%} of it), so that "
+            "the effect of one cannot be distinguished from that of the other."
         ),
-        remedy="Record again, and change it in each position, not in step with the turning.",
+        remedy="Record again, and change the disturbance in each attitude, not in step with the turning.",
     ),
     CatalogueRow(
         code="disturbance-monotone",
@@ -136,25 +134,25 @@ ROWS: Final = (
             "would look the same; let {name} go up and down again while recording"
         ),
         plain=(
-            "What the compass follows only rose, or only fell, while the recording was made. A compass that changes by "
-            "itself, or that was moved, would look the same."
+            "A recorded disturbance only rose, or only fell, during the recording. An offset that drifts, or a compass "
+            "that was moved, would look the same."
         ),
-        remedy="Record again, and let it go up and down again meanwhile.",
+        remedy="Record again, and let the disturbance rise and fall several times.",
     ),
     CatalogueRow(
         code="disturbance-lag",
-        number="lag at which least is left, seconds: the end of the search",
-        action="check the times of its column: another clock, or not what moves the readings",
+        number="lag at which the residuals are smallest, seconds: the end of the search",
+        action="check the times of its column: it has another clock, or does not move the readings",
         rule=Rule("is_lag_at_limit", (Grade("limits", 0.0),), number="lag_s", limit=Limit(1.0)),
         said=(
             "readings follow {name} best at the end of the search for a lag ({lag_s:+.2g} s): its clock is off by"
-            " more than a second, or it is not what moves the readings; check the times of the column {name}"
+            " more than a second, or it does not move the readings; check the times of the column {name}"
         ),
         plain=(
-            "The compass seems to follow what disturbs it with a delay of more than {limit:g} s. The clocks of "
-            "the two columns differ, or something else disturbs the compass."
+            "The compass seems to follow a recorded disturbance with a delay of more than {limit:g} s. The clocks of "
+            "the two differ, or something else disturbs the compass."
         ),
-        remedy="Check the times of the column that is followed.",
+        remedy="Check the times of that column.",
     ),
     CatalogueRow(
         code="disturbance-nonlinear",
@@ -163,7 +161,7 @@ ROWS: Final = (
             "deviation of a disturbance's effect from a straight line, over its range and at its reference, relative "
             "to the effect; reported if chance causes it less than once in a million"
         ),
-        action="record the current instead of the throttle, or use the calibration near where most was recorded",
+        action="record the current instead of the throttle, or use the calibration near the values recorded most",
         rule=Rule("curvature", (Grade("limits", 0.03),), needs=(Needs("curvature_deg", ">=", 1.0, "unsaid_deg"),)),
         said=(
             "the effect of {name} deviates from a straight line by {curvature:.0%}: the sensor follows its "
@@ -171,12 +169,12 @@ ROWS: Final = (
             "at which most was recorded"
         ),
         plain=(
-            "What disturbs the compass does not grow in proportion to what is followed: {number:.0%} of it is off"
+            "The effect of a recorded disturbance is not proportional to it: {number:.0%} of the effect is off"
             " a straight line."
         ),
         remedy=(
-            "Record the current of the motors rather than their throttle, or use the correction where most was "
-            "recorded."
+            "Record the current of the motors rather than their throttle, or use the calibration near the values "
+            "that were recorded most."
         ),
     ),
     CatalogueRow(
@@ -187,14 +185,14 @@ ROWS: Final = (
             "current that counts negative"
         ),
         limit="the end of that range, or 0",
-        action="convert the column, or turn its sign round, before anything is exported",
+        action="convert the column, or change its sign, before anything is exported",
         rule=Rule("is_out_of_range", (Grade("limits", 0.0),), number="range_number", limit=Limit(1.0, "range_end")),
         said="{out_of_range}",
         plain=(
-            "What the compass follows was recorded with values that cannot be, as far as {number:g}: in another "
-            "unit, or with the other sign."
+            "A recorded disturbance has impossible values, as far as {number:g}: it is in another unit, or has the "
+            "wrong sign."
         ),
-        remedy="Convert the column that is followed, or turn its sign round, before anything is exported.",
+        remedy="Convert that column, or change its sign, before anything is exported.",
     ),
     CatalogueRow(
         code="disturbance-reference",
@@ -217,10 +215,10 @@ ROWS: Final = (
             "range; record with {reference_amount} as well, or use the calibration in that range alone"
         ),
         plain=(
-            "What the compass follows was never as low while recording as the correction takes for its starting "
-            "point. There it is a guess along a straight line."
+            "A recorded disturbance was never as low as the value at which the offset is stated. There the offset "
+            "is extrapolated along a straight line."
         ),
-        remedy="Record with it switched off as well, or use the correction only where it was recorded.",
+        remedy="Record with the disturbance switched off as well, or use the calibration only in its recorded range.",
     ),
     CatalogueRow(
         code="disturbance-beyond",
@@ -231,7 +229,7 @@ ROWS: Final = (
         action="calibrate over the whole range: the offset is extrapolated there",
         rule=Rule("beyond", (Grade("limits", 0.0),)),
         said="{beyond_words}",
-        plain="What the compass follows went {number:.0%} of its range beyond what is known of it.",
+        plain="A recorded disturbance went beyond the range of the calibration, by {number:.0%} of that range.",
         remedy="Calibrate again over the whole range.",
     ),
     CatalogueRow(
@@ -263,7 +261,7 @@ ROWS: Final = (
             "moved with it, and part of the earth's field was taken for the disturbance's; fix the sensor, "
             "and record again"
         ),
-        plain="The sensor that should be held still tilted by {angle} together with what disturbs it.",
+        plain="The sensor that should be held still tilted by {angle} in step with the disturbance.",
         remedy="Fix the sensor, and record again.",
     ),
 )

@@ -82,7 +82,7 @@ ROWS: Final = (
     CatalogueRow(
         code="soft-iron-changed",
         number="how often chance alone makes the readings contradict the soft iron of the earlier calibration as much",
-        action="tumble the sensor again and calibrate: what was renewed allows the soft iron a change of 5 %",
+        action="tumble the sensor again and calibrate: the renewed fit allows a change of the soft iron by 5 %",
         rule=Rule("soft_iron_p_value", (Grade("limits", 0.001),), comparison="<"),
         fault=(
             "the soft iron of {previous} no longer fits the readings (chance: {soft_iron_p_value:.1g}), so that it "
@@ -130,10 +130,13 @@ ROWS: Final = (
     CatalogueRow(
         code="bias",
         grades="note; limits above the target",
-        number="how far the method is off the likelihood, degrees of heading, rms, beyond what chance explains",
+        number="difference of the method from the maximum-likelihood fit beyond chance, degrees of heading, rms",
         action="use `auto`: the method's model is too simple for this sensor, or noise biases it",
         rule=Rule("bias_deg", (Grade("note", 0.1, "target_deg"), Grade("limits", 1.0, "target_deg"))),
-        said="{method!r} is {bias_deg}° of heading (rms) off the likelihood, beyond what chance explains: {why_biased}",
+        said=(
+            "headings by {method!r} are {bias_deg}° (rms) off those of the maximum-likelihood fit, more than chance "
+            "explains: {why_biased}"
+        ),
         plain=(
             "The method that was chosen costs {angle} of heading on average: it is too simple for this sensor, or"
             " not made for a recording like this."
@@ -200,9 +203,13 @@ ROWS: Final = (
         action="turn the sensor as the advice says, or trust that soft iron is mild",
         fleet_action="turn the sensor through more directions, or trust that soft iron is mild",
         rule=Rule("prior_share", (Grade("limits", 0.1),)),
-        said="part of the shape rests to {prior_share:.0%} on the prior that soft iron is mild: {movement}",
+        said=(
+            "the prior that soft iron is mild has a share of {prior_share:.0%} in the least known parameter of the "
+            "shape: {movement}"
+        ),
         plain=(
-            "One of the 9 numbers of the correction rests to {number:.0%} on what is likely, and not on the recording."
+            "One of the 9 numbers of the correction comes to {number:.0%} from the assumption that soft iron is mild, "
+            "and not from the recording."
         ),
         remedy="{movement}",
     ),
@@ -273,12 +280,12 @@ ROWS: Final = (
             "independent_share", (Grade("note", 0.5),), comparison="<", needs=(Needs("independent", ">=", 20.0),)
         ),
         said=(
-            "residuals are correlated{correlation}: {samples:,.0f} readings say as much as {independent:,.0f} "
-            "independent ones would, and the heading error allows for it. Usual for a tumble by hand; less of it "
-            "away from iron"
+            "residuals are correlated{correlation}: {samples:,.0f} readings contain as much information as "
+            "{independent:,.0f} independent ones, and the heading error allows for it. That is usual for a tumble by "
+            "hand; away from iron the correlation is weaker"
         ),
         plain=(
-            "Readings that follow each other err alike, so that they tell less than as many independent ones would. "
+            "Successive readings have similar errors, so that they contain less information than independent ones. "
             "The errors given here allow for it."
         ),
     ),

@@ -109,7 +109,7 @@ def headline(
 
 
 def _why(cause: Finding | None, language: Language) -> str:
-    """The cause within a sentence; one in another language keeps its capital, as nouns may have one."""
+    """The cause as a clause: in English with a small first letter, in other languages as it is written."""
     if cause is None:
         return language.phrase("verdict.unstated", UNSTATED_REASON)
     why = translation.sentence(cause, language)

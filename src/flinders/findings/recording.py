@@ -24,11 +24,11 @@ ROWS: Final = (
             limit=Limit(1.0, "alternating_limit"),
         ),
         fault=(
-            "readings err in turns to one side and to the other (correlation {next_correlation:.2f}), by about "
+            "successive readings deviate alternately to either side (correlation {next_correlation:.2f}), by about "
             "{alternating_deg}° of heading"
         ),
         said="readings of two sensors are mixed, or something switches at the reading rate; record one sensor alone",
-        plain="Every second reading is off to the other side, as where the readings of two sensors are mixed.",
+        plain="Successive readings deviate alternately to either side, as when the readings of two sensors are mixed.",
         remedy="Record one sensor alone.",
         alarm=True,
     ),
@@ -126,7 +126,7 @@ ROWS: Final = (
         action="check the order of the recordings, and the clock",
         rule=Rule("backward_steps", (Grade("note", 0.0),)),
         said="time steps back {often}: recordings out of order, or a clock that was set",
-        plain="The clock of the recording goes back (times it does: {number:.0f}).",
+        plain="The clock of the recording goes back (number of steps: {number:.0f}).",
         remedy="Check the order of the recordings, and the clock.",
     ),
     CatalogueRow(

@@ -89,7 +89,7 @@ ROWS: Final = (
             "its axes (`--axes`)"
         ),
         rule=Rule("handedness", (Grade("limits", 1.0),), comparison="<"),
-        said="its axes are a mirror image of those of {reference}: as {axes} they fit. {who_is_mirrored}",
+        said="its axes are a mirror image of those of {reference}: mapped by {axes} they agree. {who_is_mirrored}",
         hint={"axes": None},
         plain=(
             "The axes of this sensor and those of another are mirror images of each other: one of the two has an "
@@ -104,8 +104,8 @@ ROWS: Final = (
         action="nothing; corrected readings of all are in those axes",
         rule=Rule("is_turned", (Grade("note", 0.0),), number="rotation_sigma_deg", limit=Limit(0.0)),
         said=(
-            "turned into the axes of {reference}: {axes}, and {misalignment_deg}° off that, known to "
-            "{rotation_sigma_deg}° (1 σ){in_the_vehicle}"
+            "rotated into the axes of {reference}: mapped by {axes}, with a misalignment of {misalignment_deg}°, known "
+            "to {rotation_sigma_deg}° (1 σ){in_the_vehicle}"
         ),
         plain="Corrected readings are in the axes of another sensor of the vehicle, but for an uncertainty of {angle}.",
     ),
@@ -125,21 +125,21 @@ ROWS: Final = (
     CatalogueRow(
         code="clock-differs",
         number="by how much its clock is behind that of the reference, seconds",
-        action="nothing; it was removed to hold them against each other",
+        action="nothing; the delay was removed to compare them",
         rule=Rule("is_delayed", (Grade("note", 0.0),), number="delay_s", limit=Limit(0.0)),
         said=(
             "its clock is {delay_ms:.0f} ms {behind} that of {reference} (± {delay_sigma_ms:.0f} ms), which was "
-            "removed to hold them against each other"
+            "removed to compare them"
         ),
         plain="The clock of this sensor is off that of another one by {seconds} s. That was allowed for.",
     ),
     CatalogueRow(
         code="not-together",
-        number="0; or what the worst heading error with the others would be, degrees",
+        number="0; or worst heading error of a fit together with the others, degrees",
         limit="0; or 1.5 times that of the sensor by itself",
         action=(
-            "turn the body about all its axes with all sensors running; or see what is wrong with the others, and"
-            " their clocks: it has what it finds by itself"
+            "turn the body about all its axes with all sensors running; or check the others, and their clocks: this "
+            "sensor keeps its own result"
         ),
         rule=Rule("is_alone", (Grade("note", 0.0),), number="together_deg", limit=Limit(1.5, "alone_deg")),
         said="{why_alone}",

@@ -79,11 +79,11 @@ ROWS: Final = (
         rule=Rule("swap_gain", (Grade("limits", 1.1),)),
         fault="from reading {swap}",
         said=(
-            "put right, the readings lie {swap_gain} times closer to an ellipsoid; find out what the driver did "
-            "then, and record again"
+            "with that corrected, the readings lie {swap_gain} times closer to an ellipsoid; find out what the driver "
+            "did at that reading, and record again"
         ),
         plain="While this was recorded, an axis changed its sign, or two axes changed places.",
-        remedy="Find out what the driver of the sensor did then, and record again.",
+        remedy="Find out what the driver of the sensor did at that reading, and record again.",
         alarm=True,
     ),
     CatalogueRow(
@@ -101,10 +101,10 @@ ROWS: Final = (
         said="record without it, or let the calibration follow the {unmodelled}",
         hint={"disturbances": None},
         plain=(
-            "What was recorded beside the compass, such as the current of a motor, moves it by up to {angle} of "
-            "heading. The calibration does not follow it."
+            "A recorded disturbance, such as the current of a motor, moves the compass by up to {angle} of heading. "
+            "The calibration does not correct for it."
         ),
-        remedy="Let the calibration follow it, or record without it.",
+        remedy="Let the calibration correct for the disturbance, or record without it.",
     ),
     CatalogueRow(
         code="attitude-dependent",
@@ -117,8 +117,8 @@ ROWS: Final = (
         ),
         rule=Rule("attitude_dependent_deg", (Grade("limits", 0.5, "target_deg"),)),
         fault=(
-            "readings are disturbed in step with the attitude, by {attitude_dependent_deg}° of heading and by what "
-            "hides in offset and soft iron"
+            "readings are disturbed in step with the attitude, by {attitude_dependent_deg}° of heading, and by a part "
+            "that offset and soft iron absorb"
         ),
         said=(
             "a current follows the attitude, a magnetic part is loose, or iron is close; fasten the part, record "
@@ -149,10 +149,9 @@ ROWS: Final = (
         ),
         hint={"aiding": "dip"},
         plain=(
-            "The instrument that tells which way is down is off, and adds {angle} to a heading, however good the"
-            " compass is."
+            "The vertical of the accelerometer is wrong, which adds {angle} to a heading, however good the compass is."
         ),
-        remedy="Let the calibration use that instrument, too, so that it finds what is wrong with it.",
+        remedy="Calibrate with the accelerometer as well, so that its errors are found.",
     ),
     CatalogueRow(
         code="nonlinear-axis",
@@ -180,8 +179,8 @@ ROWS: Final = (
         ),
         hint={"linearize": True},
         plain=(
-            "An axis of the sensor does not answer in proportion to the field, which an offset and a matrix do not "
-            "remove: {angle} of heading. The errors given here allow for it."
+            "An axis of the sensor is not linear, which an offset and a matrix cannot correct and which costs {angle} "
+            "of heading. The errors given here allow for it."
         ),
         remedy=(
             "Move the sensor away from magnets, so that it works in the middle of its range, or linearize its axes "
@@ -201,7 +200,7 @@ ROWS: Final = (
             "linearizes it; the uncertainty of its curve is up to {linearized_deg}° of heading, which the heading "
             "error includes"
         ),
-        plain="An axis of the sensor does not answer in proportion to the field, and the correction allows for that.",
+        plain="An axis of the sensor is not linear, and the calibration corrects that.",
     ),
     CatalogueRow(
         code="axis-lag",

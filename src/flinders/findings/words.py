@@ -309,7 +309,7 @@ def _more(some: Sequence[Row], count: float) -> str:
 
 
 def rests(rest_spans: Sequence[Row], rest_count: float) -> str:
-    """The longest rests."""
+    """Times or rows of the longest rests of the sensor."""
     return spans(rest_spans, rest_count)
 
 

@@ -185,7 +185,7 @@ class ObservationGroup:
         return apply_matrices(back, directions[:, np.newaxis]), back
 
     def cost(self, at: Parameters, directions: Floats, weights: Weights) -> float:
-        """Σ r² in standard deviations."""
+        """Σ r², with each residual r in units of its standard deviation."""
         residual, vertical = unweighted_residuals(self, at, directions)
         cost = float(np.sum(np.einsum("wni,wni->wn", residual, residual) * self.weight)) / weights.noise**2
         if vertical is not None and self.trust is not None:

@@ -246,7 +246,7 @@ class ShotGroup:
         return np.swapaxes(left / np.repeat(noises, 3), 1, 2)
 
     def cost(self, at: SurveyParameters, directions: Floats, noises: Floats) -> float:
-        """Σ r² in standard deviations."""
+        """Σ r², with each residual r in units of its standard deviation."""
         return float(np.sum(self.residuals(at, directions, noises) ** 2))
 
     def linearise(

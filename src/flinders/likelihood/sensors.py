@@ -144,7 +144,7 @@ class SensorGroup:
         )
 
     def cost(self, at: Sensors, directions: Floats, noise: Floats) -> float:
-        """Σ r² in standard deviations."""
+        """Σ r², with each residual r in units of its standard deviation."""
         parts = zip(self.each, at.each, noise.tolist(), strict=True)
         return sum(group.cost(own, directions, Weights(sigma)) for group, own, sigma in parts)
 

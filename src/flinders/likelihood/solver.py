@@ -65,7 +65,7 @@ MAX_CORRECTION_STEPS: Final = 8
 """Largest number of steps with the mean gradient of the noise subtracted."""
 
 LAST_CORRECTION_SIGMAS: Final = 0.03
-"""Length of the last of these steps in standard deviations; the next one would be shorter than `LAST_STEP_SIGMAS`."""
+"""Length of the last step that corrects bias, in standard deviations; the next is below `LAST_STEP_SIGMAS`."""
 
 
 Values: TypeAlias = Any

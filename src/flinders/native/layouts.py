@@ -51,7 +51,7 @@ RECORD: Final = layout("flinders_record", np.float64)
 """Layout of a record."""
 
 SUMS: Final = layout("flinders_sums", np.float64)
-"""Layout of sums that add."""
+"""Layout of the sums of a recording; those of two recordings can be added."""
 
 OPTIONS: Final = layout("flinders_options", np.float64)
 """Layout of the options of a fit."""

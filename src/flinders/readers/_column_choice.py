@@ -128,14 +128,14 @@ def _refuse_two(axes: Sequence[int], width: int, source: str, quoted: str) -> No
 
 
 def _refuse_unclear(names: Sequence[str], values: Floats, source: str, heading: str, cells: Sequence[str]) -> None:
-    """Raise an error for a table with references only, or whose names are inconclusive but whose values are not."""
+    """Raise an error if names show no magnetometer, but other fields, or if only values show one."""
     others = [each for each in vectors(names, list(map(meaning, names)), FIELD) if each.instead]
     if others:
         what = list_names([f"{each.whole} ({each.instead})" for each in others])
         columns = ",".join(names[cell].strip() for cell in others[0].cells)
         raise NoMagnetometer(
-            f"no readings of a magnetometer among the columns of {source}: their names say otherwise: {what}; "
-            "name the three columns with readings of the sensor, such as these if their names mislead",
+            f"the columns of {source} are not readings of a magnetometer, by their names: {what}; name the three "
+            "columns with its readings, such as these if their names mislead",
             hint={"columns": columns},
         )
     width = values.shape[1]

@@ -37,7 +37,7 @@ MIN_READINGS: Final = 3
 MIN_READINGS_IN_A_ROW: Final = 20
 """Smallest number of readings of a device if each device has one contiguous block, which may be part of a recording."""
 MIN_SHARE: Final = 0.9
-"""Smallest share of rows that belong to such devices."""
+"""Smallest share of rows that belong to devices with enough readings."""
 MAX_LETTERS: Final = 64
 """Largest length of a device name, in characters."""
 INSTANCE: Final = "I"
@@ -45,7 +45,7 @@ CLOCK_OF_INSTANCES: Final = "TimeUS"
 MAX_SENSORS: Final = 32
 """Largest number of different words in a column that names the sensor of each row."""
 MIN_LETTERS: Final = 3
-"""Smallest length of such a word, in letters; ``A`` and ``M`` may be states."""
+"""Smallest length of a word that names a sensor, in letters; ``A`` and ``M`` may be states."""
 _SENSOR: Final = re.compile(r"(sensor|type|kind|name|source|topic|stream|signal|modality)s?")
 """Words in names of columns that name the sensor of each row."""
 _DEVICE: Final = re.compile(

@@ -193,7 +193,7 @@ class Body(NamedTuple):
         rows = {place: cells for place, cells in best.rows.items() if not sensors or sensors.is_of_first(cells)}
         ((width, _),) = Counter(map(len, rows.values())).most_common(1)
         if width > MAX_COLUMNS:
-            raise NoMagnetometer(f"{name} has {width:,} columns: cut the magnetometer's out, with its time")
+            raise NoMagnetometer(f"{name} has {width:,} columns: keep only those of the magnetometer and of its time")
         return cls(rows, [place for place, cells in rows.items() if len(cells) == width], width, sensors)
 
     @property

@@ -61,7 +61,7 @@ class Stored:
     changes: int = 0  #: number of changes in the log
 
     def sentence(self, *, as_logged: bool) -> str:
-        """Describe whether it was removed from the readings."""
+        """Describe whether this calibration was removed from the readings."""
         if not self.applied:
             return f"logged raw, without {self.words}"
         return f"{'as logged, after' if as_logged else 'un-applied:'} {self.words}"

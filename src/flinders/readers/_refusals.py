@@ -64,7 +64,7 @@ MATRIX: Final = re.compile(r"# (?:name: (?P<name>.+)|columns: (?P<columns>\d+)\s
 def refuse_unsafe(
     name: str, header: Sequence[str], alike: Sequence[Sequence[str]], chosen: Columns, decimal: str
 ) -> None:
-    """Raise an error if columns were not requested and rows mix several sensors or group thousands."""
+    """Raise an error if columns were not requested and rows mix several sensors or have thousands separators."""
     if not header or meaning(chosen.field.names[0]).is_bare:
         _refuse_mixed(name, header, alike)
     _refuse_thousands(name, alike, chosen, decimal)
@@ -177,7 +177,7 @@ def _refuse_mixed(name: str, header: Sequence[str], rows: Sequence[Sequence[str]
 
 
 def _refuse_thousands(name: str, rows: Sequence[Sequence[str]], columns: Columns, decimal: str) -> None:
-    """Raise an error if commas or points seem to group thousands in readings."""
+    """Raise an error if commas or points seem to be thousands separators in readings."""
     grouped: list[str] = []
     whole: list[float] = []
     for cell in (row[place].strip() for row in rows for place in columns.field.cells):
@@ -190,8 +190,8 @@ def _refuse_thousands(name: str, rows: Sequence[Sequence[str]], columns: Columns
             return
     if len(grouped) >= 3 and 100 <= max(whole, default=0) < 1000:
         raise UnreadableInput(
-            f"numbers of {name} such as {grouped[0]!r} next to {max(whole):.0f} seem to group thousands with "
-            f"{decimal!r}: save it without separator, or name the columns if it is the decimal sign",
+            f"numbers of {name} such as {grouped[0]!r} next to {max(whole):.0f} seem to have {decimal!r} as thousands "
+            f"separator: save them without it, or name the columns if {decimal!r} is the decimal sign",
             hint={"columns": None},
         )
 

@@ -479,7 +479,7 @@ def _read(name: str, read: Callable[[int], bytes], size: int) -> bytes:
 
 
 def filled_size(path: Path) -> int:
-    """Size of a file in bytes without trailing zeros, if these are more than one message can hold."""
+    """Size of a file in bytes, less its trailing zeros if they are too many for the end of a message."""
     with path.open("rb") as file:
         size = end = file.seek(0, os.SEEK_END)
         while end > 0:

@@ -281,7 +281,7 @@ def _axes(label: str, count: int, sensor: str) -> tuple[list[str], str]:
 
 
 def _meaningful_words(label: str, ending: str = "", otherwise: str | None = None) -> str:
-    """The last words of a label with a meaning, preferably all of them; else `otherwise`, or the last word."""
+    """All or the last words of a label that name a known quantity; without such, `otherwise` or the last word."""
     words = label.split()
     for count in (len(words), *range(min(_MAX_WORDS, len(words) - 1), 0, -1)):
         some = " ".join(words[len(words) - count :])

@@ -231,7 +231,7 @@ class _Catalogue:
                 yield _Array(where, ".".join((own, *fields)), fields, max(shape), width, int(np.argmax(shape)))
 
     def _unit(self, dataset: Any) -> str:  # noqa: ANN401
-        """Unit in an attribute; empty without one that may be part of a name."""
+        """Unit in an attribute; empty if there is none, or its text cannot be written in the name of a column."""
         texts = (self._text(dataset, name).partition(" since ")[0].strip() for name in UNITS)
         return next((text for text in texts if re.fullmatch(r"[^()\[\]\s,]{1,24}", text) and text.isprintable()), "")
 

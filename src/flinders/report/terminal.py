@@ -128,7 +128,7 @@ def next_commands(commands: Sequence[str]) -> RenderableType:
 
 ROWS, COLUMNS, MAP_WIDTH, GAP = 10, 20, 32, 3
 WIDTH: Final = 2 * (COLUMNS + GAP) + MAP_WIDTH
-"""Lines; characters of a picture, of the map, between them, and in total."""
+"""Lines of a picture; characters in a line of a picture, of the map, of a gap between two, and of all."""
 
 WEIGHTS: Final = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
 """Value of each dot in the code of a Braille character."""

@@ -1,4 +1,4 @@
-"""Counts of readings in cells of raw space: a compact picture of a recording, which adds.
+"""Counts of readings in cells of raw space: a compact picture of a recording; those of two recordings can be added.
 
 Raw space is divided into cubes. For each cube with readings, `Cloud` stores their number, their sum
 and the times of the first and the last. This is enough to draw the recording, to compute the covered

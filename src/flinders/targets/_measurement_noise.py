@@ -124,7 +124,7 @@ class YawFilter:
         return math.exp(low)
 
     def _error_deg(self, settled: tuple[Floats, Floats], reading_deg: float) -> float:
-        """Yaw error of a settled filter due to noise, in degrees: the variance that its gain sums over headings."""
+        """Yaw error of a settled filter in degrees, due to the noise of the headings that its gain weights."""
         transition, process = self._model()
         gain, _ = settled
         remaining = np.eye(len(gain))

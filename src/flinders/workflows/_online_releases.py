@@ -78,7 +78,7 @@ def convert(saved: Mapping[str, Any]) -> Records:
 
 
 def _covariance(saved: Mapping[str, Any]) -> Floats:
-    """(9, 9) covariance of the newest estimate, enlarged for contradicting evidence, which is dropped."""
+    """(9, 9) covariance of the newest estimate, enlarged by the saved contradiction, which is not kept itself."""
     covariance = _required_numbers(saved, "latest_covariance", 81).reshape(9, 9)
     apart, unknown = _saved_numbers(saved, "apart", 3), _saved_numbers(saved, "apart_covariance", 9)
     if apart is not None and unknown is not None:

@@ -104,7 +104,7 @@ def age_of(fit: Fit, at: datetime, *, since: datetime | None = None, walk: Walk 
     name, made = fit.provenance.name, since or recording_date(fit.provenance.record)
     until = good_until(fit, walk=walk)
     if until is None:
-        raise UsageError(f"{name} states no heading error, so that its age gives none: check it on a recording")
+        raise UsageError(f"{name} states no heading error that could grow with its age: check it on a recording")
     if made is None:
         raise UsageError(f"{name} states no date: check it on a recording")
     return AgedCalibration(name, made, at, until)

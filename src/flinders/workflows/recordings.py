@@ -82,8 +82,8 @@ def recording_for(source: AnyReadings, fit: Fit) -> Recording:
     Parameters
     ----------
     source : Samples, Recording, (N, 3) array-like, path, open file, data frame, or list of these but arrays
-        An array is assumed to be in that unit and those axes. Of a log or table of several magnetometers the one of the
-        calibration is read.
+        An array is assumed to be in the unit and axes of the calibration. Of a log or table of several
+        magnetometers, that of the calibration is read.
     """
     if isinstance(source, list | tuple) and source and (is_source(source[0]) or hasattr(source[0], "blocks")):
         parts = tuple(recording_for(each, fit) for each in source)

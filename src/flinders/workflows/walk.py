@@ -33,7 +33,7 @@ MIN_STEPS: Final = 8
 DEGREES_OF_FREEDOM: Final = 4.0
 """Degrees of freedom of Student's distribution of the innovations."""
 STUDENT_SCALE: Final = 0.8310
-"""Scale of that distribution that is nearest to a normal distribution of scale 1."""
+"""Scale at which Student's distribution is nearest to a normal distribution of scale 1."""
 VARIANCE_FACTORS: Final = np.geomspace(1.0 / 16.0, 4.0, 7)
 """Trial factors on the claimed variances of estimates."""
 

@@ -177,7 +177,7 @@ class Registers:
         return corrected
 
     def to_calibration(self, field_strength: float, *, known: bool = False) -> Calibration:
-        """Calibration that the codes stand for, in the axes of the device.
+        """Calibration with the values of the codes, in the axes of the device.
 
         The codes do not contain the length of corrected readings: `field_strength` in µT, and whether it is `known`.
         Raises `ArrayError` for codes that flatten all readings into a plane.

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 FILES: Final = b"flinders.apps.fleet.files"
 """Key of the list of files in the metadata of a table."""
 OPTIONS: Final = b"options"
-"""Key of the options in the metadata of that list."""
+"""Key of the options of a run in the metadata of its list of files."""
 
 
 class ChangedFile(InputError):

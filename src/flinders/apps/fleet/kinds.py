@@ -28,7 +28,7 @@ TABLES_OF_FLEETS: Final = "tables of fleets"
 OWN_FILES: Final = {"truth": "truth files", "calibration": "calibration files"}
 """Other files that Flinders writes next to recordings, by the kind that the file states."""
 MAX_OWN_BYTES: Final = 1 << 20
-"""Largest size of such a file; a truth file has about 2000 bytes, a calibration a few times that."""
+"""Largest size of a truth or calibration file in bytes; they have about 2,000 and some thousand."""
 
 
 @cache

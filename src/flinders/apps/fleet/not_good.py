@@ -38,7 +38,7 @@ class NotGood:
 
     @classmethod
     def of(cls, row: UnitResult) -> Self:
-        """Make one from a row of the table."""
+        """Make the entry of a recording from its row of the table."""
         own = (row.unit, row.recording, row.verdict, row.cause, row.number, row.limit, row.message)
         return cls(*own, action(row.cause))
 

@@ -60,7 +60,7 @@ class Properties:
             cells = [cell.strip() for cell in (*row, *[""] * len(columns))[: len(columns)]]
             unit = cells.pop(place)
             if unit and known.setdefault(unit, tuple(cells)) != tuple(cells):
-                raise UsageError(f"{path} has unit {unit} twice, with other values: leave one of the two out")
+                raise UsageError(f"{path} has unit {unit} twice, with different values: leave one of the two out")
         return cls(names, known)
 
     def of(self, unit: str) -> tuple[str, ...]:

@@ -47,7 +47,7 @@ KEY: Final = ("unit", "recording", "start_s")
 VERSION: Final = "1"
 """Version of the columns, in the metadata of a file."""
 SIGN: Final = b"flinders.apps.fleet"
-"""Key of that metadata, by which a table of a fleet is recognised."""
+"""Key in the metadata of a file by which a table of a fleet is recognised."""
 MAX_MESSAGE_LENGTH: Final = 500
 """Largest number of characters of a message."""
 

@@ -104,7 +104,7 @@ MISSING_PREVIOUS: Final = (
 
 
 def _with_number(previous: Previous) -> Previous:
-    """The earlier calibration with an identifying number; unchanged if there is none."""
+    """The earlier calibration with an identifying number; unchanged without an earlier calibration."""
     number = secrets.token_hex(8) if previous.text else ""
     return msgspec.structs.replace(previous, number=number)
 

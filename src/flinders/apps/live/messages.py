@@ -181,7 +181,7 @@ def refuse_out_of_range(edits: Edits) -> None:
             raise UsageError(f"field of {strength:g}: need {MIN_STRENGTH:g} to {MAX_STRENGTH:g}")
     if len(edits.excluded) > MAX_SPANS:
         count = f"{len(edits.excluded):,} stretches are left out: need at most {MAX_SPANS:,}"
-        raise UsageError(f"{count}; leave out one longer stretch over several")
+        raise UsageError(f"{count}; leave out one longer stretch instead of several")
     for start, end in edits.excluded:
         if not -math.inf < start <= end < math.inf:
             raise UsageError(f"excluded from {start:g} to {end:g} s: need a start before the end")

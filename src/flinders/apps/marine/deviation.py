@@ -111,7 +111,9 @@ class Deviation:
         """
         wanted = to_floats(magnetic_deg, "magnetic_deg")
         if not self.is_one_to_one:
-            raise FitError("deviation changes faster than the heading: one magnetic heading has several by compass")
+            raise FitError(
+                "deviation changes faster than the heading: one magnetic heading has several compass headings"
+            )
         heading = wanted - self.at(wanted)
         for _ in range(200):
             step = wrap_180(wanted - heading - self.at(heading))

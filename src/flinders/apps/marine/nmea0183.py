@@ -52,7 +52,7 @@ class Message(NamedTuple):
 
 
 SIGN: Final = re.compile(r"\$[A-Z]{2}(?:HDG|HDM|HDT|THS|VTG|RMC),")
-"""Pattern in the first lines of such a file."""
+"""Pattern in the first lines of a file of NMEA 0183."""
 SENTENCE: Final = re.compile(
     r"(?P<before>.*?)\$(?P<body>(?P<name>[A-Z]{2}(?P<kind>HDG|HDM|HDT|THS|VTG|RMC|GGA|GLL)),(?P<fields>[^*]*))"
     r"(?:\*(?P<sum>[0-9A-Fa-f]{2}))?\s*"

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 EIGHT_BYTES: Final = r"[0-9A-Fa-f]{2}(?: [0-9A-Fa-f]{2}){7}"
 FRAME: Final = rf"(?P<id>[0-9A-Fa-f]{{8}})(?:#(?P<log>[0-9A-Fa-f]{{16}})|[ \t]+\[8\][ \t]+(?P<bytes>{EIGHT_BYTES}))"
 SIGN: Final = re.compile(rf"^(?:[ \t]*\(\d+\.\d+\))?[ \t]*\S+[ \t]+{FRAME}", re.MULTILINE)
-"""Pattern in the first lines of such a file, with or without a clock."""
+"""Pattern in the first lines of a candump of NMEA 2000, with or without a clock."""
 LINE: Final = re.compile(rf"\s*\((?P<time>\d+\.\d+)\)\s+\S+\s+{FRAME}.*")
 RADIAN: Final = math.degrees(1e-4)
 MIN_MISSING: Final = 0xFFFD

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from flinders.apps.marine.nmea0183 import Kind
 
 SIGN: Final = re.compile(r'"updates"\s*:\s*\[')
-"""Pattern in the first lines of such a file."""
+"""Pattern in the first lines of a file of Signal K."""
 KINDS: Final[dict[str, Kind]] = {
     "navigation.headingCompass": "compass",
     "navigation.headingMagnetic": "compass",

@@ -135,7 +135,7 @@ def _card(account: SwingAccount, deviation: Deviation) -> Text:
 
 
 def _observation(deviation: Deviation, heading: float, step_deg: float) -> float | None:
-    """Observation nearest to a line of the card, as the curve plus its residual; None if there is none."""
+    """Observation nearest to a line of the card, as the curve plus the residual; None without one near the line."""
     apart = np.abs(wrap_180(deviation.compass_deg - heading))
     place = int(apart.argmin())
     return float(deviation.at(heading) + deviation.residual_deg[place]) if apart[place] <= step_deg / 2.0 else None

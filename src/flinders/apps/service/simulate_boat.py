@@ -177,7 +177,7 @@ def _spells(rng: Generator, until_s: float) -> list[_Spell]:
 
 
 def _rest_at_berth(rng: Generator, begins_s: float, ends_s: float, heading: float) -> _Spell:
-    """At a berth: it sways on its lines."""
+    """Motion of the boat at a berth: it sways on its lines."""
     time = np.arange(begins_s, ends_s, 1.0 / REST_HZ)
     angles = np.radians([3.0, 0.3, 0.6]) * _waves(rng, time, 30.0, 600.0) + [heading, 0.0, 0.0]
     return _Spell(time, angles, is_at_sea=False)

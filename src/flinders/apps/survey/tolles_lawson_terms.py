@@ -85,8 +85,8 @@ class Signal:
         rows = rows[_is_usual(strength[rows])]
         if len(rows) < MIN_READINGS:
             raise FitError(
-                f"{len(rows)} of {len(samples)} readings have a later time and a usual strength of the scalar "
-                f"magnetometer: need {MIN_READINGS} and more; check which columns are read",
+                f"{len(rows)} of {len(samples)} readings have an ascending time and a plausible strength of the "
+                f"scalar magnetometer: need {MIN_READINGS} and more; check which columns are read",
                 found=len(rows),
             )
         directions = samples.field[rows] / strength[rows, np.newaxis]

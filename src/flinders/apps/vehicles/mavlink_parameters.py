@@ -330,7 +330,7 @@ def _settable_parameter(vehicle: Vehicle, name: str, value: float) -> Parameter:
     if old is None:
         raise NotSent(
             f"{vehicle.name} does not know {name}, nothing was changed: its firmware is older than this parameter, or "
-            "keeps compass numbers otherwise; update it, or set what it has by hand (flinders export)"
+            "names its parameters differently; update it, or set its own parameters by hand (flinders export)"
         )
     if old.kind in KINDS and not _fits(value, old.kind):
         raise NotSent(

@@ -55,7 +55,7 @@ VECTORNAV: Final = re.compile(
     r"(?P<time>)(?:.* -> )?\s*\$(?P<mark>VN[A-Z]{3}),(?P<values>[-+.\d]+(?:,[-+.\d]+)*)\s*(?:\*[0-9A-Fa-fX]{2,4})?"
 )
 SIGN: Final = re.compile(r"\b(?:Raw|Uni)\b|\|.*\*|\bIMU_MAG_|^\s*\d+,(?:mag|imu),|\$VN[A-Z]{3},", re.IGNORECASE)
-"""Part of a line of one of these programs."""
+"""Part of a line of MotionCal, magcc, Paparazzi, PX4-ECL or VectorNav."""
 JOINED_DATAGRAMS: Final = re.compile(r"^\s*\|(?:[^|*,\n]+,){12}[^|*,\n]+\*[^\S\n]*\|", re.MULTILINE)
 """Datagrams of magcc without a line end between them."""
 MAX_ACCELERATION: Final = 160.0  # largest acceleration in m/s² of a hand; as counts it would be less than 0.02 g

@@ -40,7 +40,7 @@ MIN_BATCH: Final = 20
 """Smallest number of readings in the first batch; it is doubled until the batch determines the unknowns."""
 
 MAX_CONDITION: Final = 1e8
-"""Largest condition number of the information of that batch, with its diagonal scaled to 1."""
+"""Largest condition number of the information of the first batch, with its diagonal scaled to 1."""
 
 _IDENTITY: Final = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 

@@ -1,1 +1,1 @@
-"""Commands of this package: parse, one call, print."""
+"""Commands of this package: each parses its options, calls one function and prints the result."""

@@ -61,7 +61,7 @@ class LiveSource(program.Group):
     ros2: str | None = option.ros2()
     imu_topic: str | None = option.imu_topic()
     replay: str | None = program.member(
-        "--replay", metavar="LOG", help="Play a recording back, any that flinders reads."
+        "--replay", metavar="LOG", help="Play back a recording, in any format that flinders reads."
     )
     speed: float | None = program.member(
         "--speed", type=program.positive, metavar="X", help="Speed of playback or simulation [default: 1]."

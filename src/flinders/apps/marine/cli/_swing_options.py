@@ -30,7 +30,7 @@ class StandardOptions(program.Group):
     )  # fmt: skip
     limit_deg: float | None = program.member(
         "--limit", heading=STANDARD, type=program.angle, metavar="DEG",
-        help="Largest deviation allowed [default: that of the rule, if its text was seen].",
+        help="Largest deviation allowed [default: that of the rule, if its text was available].",
     )  # fmt: skip
     base_error_deg: float = program.member(
         "--base-error", heading=STANDARD, type=program.number_within(0, 45, "degrees from 0 to 45", zero=True),
@@ -114,7 +114,7 @@ class KnownHeadings(program.Group):
     )  # fmt: skip
     stationary_s: float = program.member(
         "--stationary", heading=program.RECORDING, type=program.positive, default=2.0, show_default=True, metavar="S",
-        help="Shortest stationary interval in LOG, in seconds; 50 readings without a clock; 20 s for a boat.",
+        help="Shortest stationary interval in LOG, in s (without a clock: 50 readings; log of a boat: 20 s).",
     )  # fmt: skip
 
     @property

@@ -275,7 +275,7 @@ class _Segment(NamedTuple):
         return self.at + self.headers[taken], self.at + resume, broken
 
     def _beyond(self, after: Places, taken: Places) -> int:
-        """Byte to continue from without further headers: after the last message and the end of the part."""
+        """Byte to continue from if no header follows: the later of the ends of the last message and of the part."""
         behind = int(after[taken[-1]]) if len(taken) else 0
         return max(behind, self.stop - self.at)
 

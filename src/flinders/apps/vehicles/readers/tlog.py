@@ -353,7 +353,7 @@ class _Compass:
         return self.drives.get(kind) if parameters.has_disturbances else None
 
     def removable(self, parameters: ArduPilotParameters) -> ArduPilotParameters:
-        """Parameters that can be un-applied: without a motor compensation whose series was not sent."""
+        """Parameters that can be un-applied: no motor compensation if its current or throttle was not sent."""
         stays = parameters.has_disturbances and self.drive(parameters) is None
         return replace(parameters, motor_by=OFF) if stays else parameters
 

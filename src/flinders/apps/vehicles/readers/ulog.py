@@ -217,7 +217,7 @@ class _Flight:
 
     @property
     def values(self) -> Mapping[str, float]:
-        """Parameters of the last stage."""
+        """Parameters at the end of the log, after their last change."""
         return self.stages[-1][1]
 
     @property
@@ -251,7 +251,7 @@ def _stack(columns: Mapping[str, Any], *names: str) -> Floats:
 
 
 def _whole(values: Any) -> NDArray[np.int64]:  # noqa: ANN401 - a column of pyulog
-    """Integers; arbitrary for values of a damaged log that are not integers."""
+    """Values as integers; values that are none, as in a damaged log, become arbitrary integers."""
     with np.errstate(invalid="ignore"):
         return np.asarray(values).astype(np.int64)
 

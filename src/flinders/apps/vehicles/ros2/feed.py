@@ -223,7 +223,7 @@ class TopicFeed:
             )
 
     def _advise(self, kind: Kind, words: str, *, about: str = "") -> Iterator[FeedEvent]:
-        """Yield an event unless it was given already; `about` is forgotten once the fault has ended."""
+        """Yield an event about a fault, once until the fault has ended; `about` identifies the fault."""
         if (about or kind) not in self._advised:
             self._advised.add(about or kind)
             yield FeedEvent(kind, self._now(), words)

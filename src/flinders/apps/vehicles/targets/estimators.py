@@ -150,7 +150,7 @@ def estimator_values(
 
 
 def _checks(gates: Gates | None, calibration: Calibration) -> dict[str, float]:
-    """EKF2_MAG_CHECK and its limits, for those of strength and dip whose spread is known."""
+    """EKF2_MAG_CHECK, with the limits of strength and of dip if their spread is known."""
     checks: dict[str, float] = {}
     if gates is not None and calibration.field_strength_known:
         limit = math.hypot(gates.strength_limit, GATE_SIGMAS * MODEL_SIGMA) / GAUSS

@@ -45,9 +45,9 @@ if TYPE_CHECKING:
     from flinders.targets._measurement_noise import MeasurementNoise
 
 ROBOT_LOCALIZATION: Final = YawFilter(rate_hz=30.0, drift=0.06, is_of_gyro=False)
-"""Filter of its yaw with the default process noise."""
+"""robot_localization's filter of the yaw, with its default process noise."""
 FUSIONCORE: Final = YawFilter(rate_hz=50.0, drift=0.005**2 * 0.01, bias_drift=1e-5 * 100.0)
-"""Filter of its yaw and its gyro bias, with a magnetometer at 50 Hz."""
+"""FusionCore's filter of the yaw and the gyro bias, with a magnetometer at 50 Hz."""
 BODY_AXES: Final = (
     "the readings must be in the axes of the body, x forward, y left and z up, and magnetometer.declination_rad that "
     "of the place"

@@ -82,7 +82,7 @@ def read_urdf(content: bytes, source: str, *, strength: float | None = None) -> 
     """
     text = re.sub(r"<\?xml.*?\?>", "", decode_text(content, source), flags=re.DOTALL)
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise DocumentError(f"{source}: a document type: need URDF as plain XML")
+        raise DocumentError(f"{source}: has a document type declaration (DOCTYPE): need URDF as plain XML")
     try:
         joints = list(ElementTree.fromstring(f"<piece>{text}</piece>").iter("joint"))  # no entities, see above
     except ElementTree.ParseError as error:
