@@ -124,7 +124,7 @@ def _mistake(code: str, aid: str, values: dict[str, Any], *, drops: bool = True)
 
 
 def _certain_mistake(code: str, aid: str, values: dict[str, Any], *, drops: bool = True) -> Mistake:
-    """Mistake whose rule is known to hold."""
+    """Make a mistake whose finding applies at any value; its numbers are not compared with a limit."""
     return Mistake(aid, certain_finding({**values, "aid": aid}, code), drops)
 
 
@@ -222,7 +222,7 @@ def lean_mistake(samples: Samples, aided: AidedFit, claimed_deg: float = 0.0) ->
 
 
 def divergence(aid: str, before_deg: float, after_deg: float) -> Mistake | None:
-    """Mistake of an aiding sensor with which a fit claims many times the heading error; None if it does not.
+    """Mistake of an aiding sensor that makes the claimed heading error many times larger; None if it does not.
 
     >>> mistake = divergence("dip", 2.1, 180.0)
     >>> mistake is not None and mistake.words[:75]

@@ -78,7 +78,7 @@ class Lag:
 
     @property
     def used_sigma_s(self) -> float:
-        """Standard deviation of the lag in use, which is 0 for a lag that is not significant, including that error."""
+        """Standard deviation of the lag in use; if the lag is set to 0, including the error of doing so."""
         return self.sigma_s if self.is_significant else float(np.hypot(self.sigma_s, self.seconds))
 
 

@@ -15,8 +15,8 @@ ROWS: Final = (
             " one by one"
         ),
         action=(
-            "use the calibration where they rise and fall as in the recording, follow one of them alone, or vary each "
-            "by itself"
+            "use the calibration where the disturbances rise and fall as in the recording, follow one of them alone, "
+            "or vary each by itself"
         ),
         rule=Rule("most_alike", (Grade("limits", 0.95),)),
         said=(
@@ -25,9 +25,13 @@ ROWS: Final = (
             "the recording, follow one of them alone, or vary each by itself"
         ),
         plain=(
-            "Several things that the compass follows rose and fell together, so that their effects cannot be separated."
+            "Several quantities that the compass follows rose and fell together, so that their effects cannot be "
+            "separated."
         ),
-        remedy="Use the correction where they rise and fall as recorded, or record again and vary each by itself.",
+        remedy=(
+            "Use the correction where these quantities rise and fall as in the recording, or record again and vary "
+            "each by itself."
+        ),
     ),
     CatalogueRow(
         code="disturbance-noisy",
@@ -42,10 +46,10 @@ ROWS: Final = (
             "{noisy_remedy}, or hold each setting for longer"
         ),
         plain=(
-            "What the compass follows is measured with so much noise that its effect was found up to {number:.0%}"
+            "The quantity that the compass follows has so much noise that its effect was found up to {number:.0%}"
             " too small."
         ),
-        remedy="Record a steadier value of it, or hold each setting for longer.",
+        remedy="Record a less noisy value of that quantity, or hold each setting for longer.",
     ),
     CatalogueRow(
         code="disturbance-constant",
@@ -58,10 +62,10 @@ ROWS: Final = (
             "determined: vary it over its whole range while turning the sensor"
         ),
         plain=(
-            "Something that the compass was to follow hardly changed during the recording, so that its effect is not "
+            "A quantity that the compass was to follow hardly changed during the recording, so that its effect is not "
             "known."
         ),
-        remedy="Record again, and change it over its whole range while turning.",
+        remedy="Record again, and change that quantity over its whole range while turning.",
     ),
     CatalogueRow(
         code="column-unused",
@@ -87,11 +91,11 @@ ROWS: Final = (
         action="nothing; log that column wherever the calibration is used",
         rule=Rule("removed_deg", (Grade("note", -1.0),), limit=Limit(0.0)),
         said=(
-            "the offset follows {disturbance} ({unit}): that takes away up to {removed_deg}° of heading {at_end}, "
-            "{remaining_deg}° of it left (1 σ{running}){explains}{without}"
+            "the offset follows {disturbance} ({unit}): that removes up to {removed_deg}° of heading error {at_end}, "
+            "and leaves {remaining_deg}° (1 σ{running}){explains}{without}"
         ),
-        plain="The compass was made to follow what disturbs it. Without that, headings would be off by up to {angle}.",
-        remedy="Use the correction only where what it follows is measured as in the recording.",
+        plain="The compass follows a recorded disturbance. Without that, headings would be off by up to {angle}.",
+        remedy="Use the correction only where that disturbance is measured as in the recording.",
     ),
     CatalogueRow(
         code="disturbance-uncertain",
@@ -105,8 +109,8 @@ ROWS: Final = (
             "{at_end} the heading may be off by {left_at_most_deg}° (1 σ; the target is {target_deg:g}°) due to the "
             "uncertainty of {name}'s effect: vary it while turning the sensor through all directions"
         ),
-        plain="At the far end of what the compass follows, headings may be off by {angle}.",
-        remedy="Record again, with more of it at that end, while turning through all directions.",
+        plain="At the far end of the range of the disturbance, headings may be off by {angle}.",
+        remedy="Record again, with more readings at that end, while turning through all directions.",
     ),
     CatalogueRow(
         code="disturbance-collinear-attitude",
@@ -118,10 +122,10 @@ ROWS: Final = (
             "attitude, not in step with the turning"
         ),
         plain=(
-            "What the compass follows changed together with the way it was turned ({number:.0%} of it), so that "
-            "one cannot be distinguished from the other."
+            "The disturbance that the compass follows changed in step with its attitude ({number:.0%} of the effect), "
+            "so that one cannot be distinguished from the other."
         ),
-        remedy="Record again, and change it in each position, not in step with the turning.",
+        remedy="Record again, and change the disturbance in each position, not in step with the turning.",
     ),
     CatalogueRow(
         code="disturbance-monotone",
@@ -136,22 +140,22 @@ ROWS: Final = (
             "would look the same; let {name} go up and down again while recording"
         ),
         plain=(
-            "What the compass follows only rose, or only fell, while the recording was made. A compass that changes by "
-            "itself, or that was moved, would look the same."
+            "The disturbance that the compass follows only rose, or only fell, during the recording. A compass that "
+            "changes by itself, or that was moved, would look the same."
         ),
-        remedy="Record again, and let it go up and down again meanwhile.",
+        remedy="Record again, and let the disturbance go up and down meanwhile.",
     ),
     CatalogueRow(
         code="disturbance-lag",
-        number="lag at which least is left, seconds: the end of the search",
-        action="check the times of its column: another clock, or not what moves the readings",
+        number="lag with the smallest residuals, seconds: the end of the search",
+        action="check the times of its column: it has another clock, or something else moves the readings",
         rule=Rule("is_lag_at_limit", (Grade("limits", 0.0),), number="lag_s", limit=Limit(1.0)),
         said=(
             "readings follow {name} best at the end of the search for a lag ({lag_s:+.2g} s): its clock is off by"
-            " more than a second, or it is not what moves the readings; check the times of the column {name}"
+            " more than a second, or something else moves the readings; check the times of the column {name}"
         ),
         plain=(
-            "The compass seems to follow what disturbs it with a delay of more than {limit:g} s. The clocks of "
+            "The compass seems to follow the disturbance with a delay of more than {limit:g} s. The clocks of "
             "the two columns differ, or something else disturbs the compass."
         ),
         remedy="Check the times of the column that is followed.",
@@ -163,20 +167,20 @@ ROWS: Final = (
             "deviation of a disturbance's effect from a straight line, over its range and at its reference, relative "
             "to the effect; reported if chance causes it less than once in a million"
         ),
-        action="record the current instead of the throttle, or use the calibration near where most was recorded",
+        action="record the current instead of the throttle, or use the calibration near the values that occur most",
         rule=Rule("curvature", (Grade("limits", 0.03),), needs=(Needs("curvature_deg", ">=", 1.0, "unsaid_deg"),)),
         said=(
             "the effect of {name} deviates from a straight line by {curvature:.0%}: the sensor follows its "
             "square, or another quantity that varies with {name}; {other_column}use the calibration near the {name} "
-            "at which most was recorded"
+            "that occurs most in the recording"
         ),
         plain=(
-            "What disturbs the compass does not grow in proportion to what is followed: {number:.0%} of it is off"
-            " a straight line."
+            "The disturbance does not grow in proportion to the recorded quantity: it deviates by {number:.0%} from a "
+            "straight line."
         ),
         remedy=(
-            "Record the current of the motors rather than their throttle, or use the correction where most was "
-            "recorded."
+            "Record the current of the motors rather than their throttle, or use the correction near the values that "
+            "occur most in the recording."
         ),
     ),
     CatalogueRow(
@@ -187,18 +191,18 @@ ROWS: Final = (
             "current that counts negative"
         ),
         limit="the end of that range, or 0",
-        action="convert the column, or turn its sign round, before anything is exported",
+        action="convert the column, or change its sign, before anything is exported",
         rule=Rule("is_out_of_range", (Grade("limits", 0.0),), number="range_number", limit=Limit(1.0, "range_end")),
         said="{out_of_range}",
         plain=(
-            "What the compass follows was recorded with values that cannot be, as far as {number:g}: in another "
-            "unit, or with the other sign."
+            "The disturbance was recorded with impossible values, up to {number:g}: it is in another unit, or has the "
+            "other sign."
         ),
-        remedy="Convert the column that is followed, or turn its sign round, before anything is exported.",
+        remedy="Convert the column that is followed, or change its sign, before anything is exported.",
     ),
     CatalogueRow(
         code="disturbance-reference",
-        grades="limits; note for a current, which a field is in proportion to",
+        grades="limits; note for a current, as its field is proportional to it",
         number=(
             "how far the reference, no throttle or no current, lies outside the range that was recorded, as a "
             "share of that range"
@@ -212,15 +216,15 @@ ROWS: Final = (
             (Grade("note", 0.25), Grade("limits", 1.0, "reference_limit")),
         ),
         said=(
-            "the offset is stated for {reference_amount} of {name}, and it was recorded from {lowest:.3g} to "
-            "{highest_amount}: there it is extrapolated along a straight line, by {reference_outside:.0%} of that "
-            "range; record with {reference_amount} as well, or use the calibration in that range alone"
+            "the offset is stated for {reference_amount} of {name}, but {name} was recorded from {lowest:.3g} to "
+            "{highest_amount} only: the offset is extrapolated along a straight line, by {reference_outside:.0%} of "
+            "that range; record with {reference_amount} as well, or use the calibration in that range alone"
         ),
         plain=(
-            "What the compass follows was never as low while recording as the correction takes for its starting "
-            "point. There it is a guess along a straight line."
+            "The disturbance was never as low in the recording as the value for which the correction is stated. "
+            "The correction there is extrapolated along a straight line."
         ),
-        remedy="Record with it switched off as well, or use the correction only where it was recorded.",
+        remedy="Record with the disturbance switched off as well, or use the correction in the recorded range only.",
     ),
     CatalogueRow(
         code="disturbance-beyond",
@@ -231,7 +235,7 @@ ROWS: Final = (
         action="calibrate over the whole range: the offset is extrapolated there",
         rule=Rule("beyond", (Grade("limits", 0.0),)),
         said="{beyond_words}",
-        plain="What the compass follows went {number:.0%} of its range beyond what is known of it.",
+        plain="The disturbance went beyond its range in the calibration, by {number:.0%} of that range.",
         remedy="Calibrate again over the whole range.",
     ),
     CatalogueRow(
@@ -244,7 +248,7 @@ ROWS: Final = (
             "the residuals have a step of {step} (noise {noise}): the sensor moved, or something magnetic came near; "
             "fix both, and record again"
         ),
-        plain="The sensor that should be held still was moved.",
+        plain="The sensor should stay at rest, but was moved.",
         remedy="Fix the sensor, keep everything magnetic away, and record again.",
     ),
     CatalogueRow(
@@ -254,8 +258,8 @@ ROWS: Final = (
             "[on the bench](disturbances.md#on-the-bench), as an accelerometer shows, degrees"
         ),
         action=(
-            "fix the sensor, and record again: it moved with the disturbance, and so much of the earth's field was "
-            "taken for the disturbance's"
+            "fix the sensor, and record again: it moved with the disturbance, so that part of the earth's field "
+            "was taken for the disturbance's"
         ),
         rule=Rule("tilted_deg", (Grade("limits", 0.5),)),
         said=(
@@ -263,7 +267,7 @@ ROWS: Final = (
             "moved with it, and part of the earth's field was taken for the disturbance's; fix the sensor, "
             "and record again"
         ),
-        plain="The sensor that should be held still tilted by {angle} together with what disturbs it.",
+        plain="The sensor should stay at rest, but tilted by {angle} in step with the disturbance.",
         remedy="Fix the sensor, and record again.",
     ),
 )

@@ -184,7 +184,7 @@ ROWS: Final = (
         number="number of the nine parameters that the readings do not determine",
         action=(
             "as where all readings lie on one ring or on two: turn the sensor about another axis too; until then "
-            "the prior that soft iron is mild holds what is open"
+            "the prior that soft iron is mild determines the rest"
         ),
         rule=Rule("unobserved", (Grade("limits", 0.0),)),
         said=(
@@ -205,7 +205,8 @@ ROWS: Final = (
         rule=Rule("prior_share", (Grade("limits", 0.1),)),
         said="part of the shape rests to {prior_share:.0%} on the prior that soft iron is mild: {movement}",
         plain=(
-            "One of the 9 numbers of the correction rests to {number:.0%} on what is likely, and not on the recording."
+            "One of the 9 numbers of the correction rests to {number:.0%} on an assumption of mild soft iron, not on "
+            "the recording."
         ),
         remedy="{movement}",
     ),
@@ -271,18 +272,21 @@ ROWS: Final = (
             "independent readings, as a share of those used; residuals below a millionth of the field are "
             "rounding and count as independent"
         ),
-        action="nothing: the heading error allows for it; usual for a tumble by hand, and less of it away from iron",
+        action=(
+            "nothing: the heading error allows for the correlation, which is usual for a tumble by hand, and smaller "
+            "away from iron"
+        ),
         rule=Rule(
             "independent_share", (Grade("note", 0.5),), comparison="<", needs=(Needs("independent", ">=", 20.0),)
         ),
         said=(
-            "residuals are correlated{correlation}: {samples:,.0f} readings say as much as {independent:,.0f} "
-            "independent ones would, and the heading error allows for it. Usual for a tumble by hand; less of it "
-            "away from iron"
+            "residuals are correlated{correlation}: {samples:,.0f} readings carry the information of "
+            "{independent:,.0f} independent ones, and the heading error allows for that. Correlation is usual for a "
+            "tumble by hand, and smaller away from iron"
         ),
         plain=(
-            "Readings that follow each other err alike, so that they tell less than as many independent ones would. "
-            "The errors given here allow for it."
+            "The errors of successive readings are alike, so that the readings carry less information than as many "
+            "independent ones. The errors given here allow for that."
         ),
     ),
     CatalogueRow(
@@ -293,7 +297,7 @@ ROWS: Final = (
         rule=Rule("inflation", (Grade("limits", 2.0),)),
         fault="the ellipsoid is {inflation} times as wide as its readings, which lie on a small patch of it",
         said="{movement}",
-        plain="The readings lie on a small patch of the sphere that they should go round. The rest of it is a guess.",
+        plain="The readings cover a small patch of their sphere. The rest of the sphere is a guess.",
         remedy="{movement}",
     ),
 )

@@ -14,7 +14,7 @@ ROWS: Final = (
         number="correlation of a residual with the next",
         limit="−0.25, and four standard errors",
         action=(
-            "the readings of two sensors take turns, or something switches as fast as is read: record one sensor alone"
+            "the readings of two sensors are mixed, or something switches at the reading rate: record one sensor alone"
         ),
         rule=Rule(
             "alternating_deg",
@@ -24,7 +24,7 @@ ROWS: Final = (
             limit=Limit(1.0, "alternating_limit"),
         ),
         fault=(
-            "readings err in turns to one side and to the other (correlation {next_correlation:.2f}), by about "
+            "the errors of successive readings alternate in sign (correlation {next_correlation:.2f}), by about "
             "{alternating_deg}° of heading"
         ),
         said="readings of two sensors are mixed, or something switches at the reading rate; record one sensor alone",

@@ -125,21 +125,21 @@ ROWS: Final = (
     CatalogueRow(
         code="clock-differs",
         number="by how much its clock is behind that of the reference, seconds",
-        action="nothing; it was removed to hold them against each other",
+        action="nothing; the delay was removed before the sensors were compared",
         rule=Rule("is_delayed", (Grade("note", 0.0),), number="delay_s", limit=Limit(0.0)),
         said=(
-            "its clock is {delay_ms:.0f} ms {behind} that of {reference} (± {delay_sigma_ms:.0f} ms), which was "
-            "removed to hold them against each other"
+            "its clock is {delay_ms:.0f} ms {behind} that of {reference} (± {delay_sigma_ms:.0f} ms); the delay "
+            "was removed before they were compared"
         ),
-        plain="The clock of this sensor is off that of another one by {seconds} s. That was allowed for.",
+        plain="The clocks of this sensor and of another one differ by {seconds} s. The difference was removed.",
     ),
     CatalogueRow(
         code="not-together",
-        number="0; or what the worst heading error with the others would be, degrees",
+        number="0; or the worst heading error of a fit together with the others, degrees",
         limit="0; or 1.5 times that of the sensor by itself",
         action=(
-            "turn the body about all its axes with all sensors running; or see what is wrong with the others, and"
-            " their clocks: it has what it finds by itself"
+            "turn the body about all its axes with all sensors running; or look for faults of the other sensors and of "
+            "their clocks. This sensor is fitted by itself"
         ),
         rule=Rule("is_alone", (Grade("note", 0.0),), number="together_deg", limit=Limit(1.5, "alone_deg")),
         said="{why_alone}",

@@ -73,17 +73,17 @@ ROWS: Final = (
             "from some reading on; reported if they then fit like a usable recording"
         ),
         action=(
-            "find out what the driver did at the reading that the advice names; record again. A swap through the "
-            "whole recording [cannot be told](fleet/faults.md)"
+            "check the driver for a change at the reading that the advice names; record again. A swap throughout the "
+            "recording [cannot be detected](fleet/faults.md)"
         ),
         rule=Rule("swap_gain", (Grade("limits", 1.1),)),
         fault="from reading {swap}",
         said=(
-            "put right, the readings lie {swap_gain} times closer to an ellipsoid; find out what the driver did "
-            "then, and record again"
+            "with that corrected, the readings lie {swap_gain} times closer to an ellipsoid; check the driver for a "
+            "change at that reading, and record again"
         ),
         plain="While this was recorded, an axis changed its sign, or two axes changed places.",
-        remedy="Find out what the driver of the sensor did then, and record again.",
+        remedy="Check the driver of the sensor for a change at that time, and record again.",
         alarm=True,
     ),
     CatalogueRow(
@@ -92,19 +92,19 @@ ROWS: Final = (
             "error of a level heading, degrees, at the far end of the range of a [disturbance](disturbances.md) that "
             "was recorded but is not modelled"
         ),
-        action="calibrate `--with` it, or record without",
+        action="calibrate `--with` that disturbance, or record without it",
         rule=Rule("unmodelled_deg", (Grade("limits", 0.5, "target_deg"),)),
         fault=(
             "readings follow the {unmodelled} that was recorded with them, by up to {unmodelled_deg}° of heading, "
             "which is not in the heading error"
         ),
-        said="let the calibration follow the {unmodelled}, or record without",
+        said="let the calibration follow the {unmodelled}, or record without it",
         hint={"disturbances": None},
         plain=(
-            "What was recorded beside the compass, such as the current of a motor, moves it by up to {angle} of "
-            "heading. The calibration does not follow it."
+            "A quantity recorded beside the compass, such as the current of a motor, changes headings by up to {angle}."
+            " The calibration does not follow that quantity."
         ),
-        remedy="Let the calibration follow it, or record without it.",
+        remedy="Let the calibration follow that quantity, or record without the disturbance.",
     ),
     CatalogueRow(
         code="attitude-dependent",
@@ -117,8 +117,8 @@ ROWS: Final = (
         ),
         rule=Rule("attitude_dependent_deg", (Grade("limits", 0.5, "target_deg"),)),
         fault=(
-            "readings are disturbed in step with the attitude, by {attitude_dependent_deg}° of heading and by what "
-            "hides in offset and soft iron"
+            "readings are disturbed in step with the attitude, by {attitude_dependent_deg}° of heading, and by a part "
+            "that offset and soft iron absorb"
         ),
         said=(
             "a current follows the attitude, a magnetic part is loose, or iron is close; record the current and "
@@ -163,7 +163,7 @@ ROWS: Final = (
             "causes it less often than once in ten thousand, and both halves of the recording show it"
         ),
         action=(
-            "nothing below the target, the heading error allows for it; else correct it (`linearize=True`, "
+            "nothing below the target, as the heading error allows for it; above, correct it (`linearize=True`, "
             "`--linearize`) where the correction goes into C or Python code, or move the sensor away from magnets, so "
             "that it works in the middle of its range"
         ),
@@ -212,8 +212,8 @@ ROWS: Final = (
             "causes it less often than once in ten thousand, and both halves of the recording show it"
         ),
         action=(
-            "nothing below the target, the heading error allows for it; else read all axes at once (one burst, block "
-            "data update), or turn the sensor more slowly"
+            "nothing below the target, as the heading error allows for it; above, read all axes at once (one burst, "
+            "block data update), or turn the sensor more slowly"
         ),
         rule=Rule(
             "lag_deg",

@@ -60,7 +60,7 @@ def with_acceleration(asked: str, names: Sequence[str], columns: Columns, width:
     own = column_of(ACCELERATION, places_of_columns(asked, names, width), names)
     if taken := [name for name, cell in zip(own.names, own.cells, strict=True) if cell in columns.field.cells]:
         raise UsageError(
-            f"acceleration {asked!r}: {', '.join(taken)} is read as the magnetometer; say which columns are that",
+            f"acceleration {asked!r}: {', '.join(taken)} is read as the magnetometer: name its columns too",
             hint={"columns": None},
         )
     others = tuple(column for column in columns.auxiliary if column.kind != ACCELERATION)
@@ -75,7 +75,7 @@ def with_strength(asked: str, names: Sequence[str], columns: Columns, width: int
     own = column_of(STRENGTH, [place], names)
     if place in columns.field.cells:
         raise UsageError(
-            f"scalar {asked!r}: {own.names[0]} is read as the vector magnetometer; say which columns are that",
+            f"scalar {asked!r}: {own.names[0]} is read as the vector magnetometer: name the columns of that one too",
             hint={"columns": None},
         )
     others = tuple(column for column in columns.auxiliary if column.kind != STRENGTH and place not in column.cells)

@@ -47,7 +47,7 @@ BAD_SHARE: Final = 0.03
 DRIFTING_SHARE: Final = 0.05
 """Share of the units of a line whose offset moves between two recordings."""
 OFFSET_CHANGE_UT: Final = (3.0, 12.0)
-"""Range of that change of offset, in µT: some degrees of heading."""
+"""Range of the change of a drifting unit's offset, in µT: some degrees of heading."""
 
 MAX_RECORDINGS: Final = 10
 """Largest number of recordings of a unit: one in each month from March on."""

@@ -33,11 +33,11 @@ class SimulatedFleet(program.Group):
     )  # fmt: skip
     bad: float = program.member(
         "--bad", type=program.number_within(0, 1, "a share from 0 to 1", zero=True), default=0.1, show_default=True,
-        metavar="SHARE", help="Units with a fault when they are first recorded.",
+        metavar="SHARE", help="Share of units with a fault from their first recording on.",
     )  # fmt: skip
     drifting: float = program.member(
         "--drifting", type=program.number_within(0, 1, "a share from 0 to 1", zero=True), default=0.1,
-        show_default=True, metavar="SHARE", help="Units whose offset moves after that.",
+        show_default=True, metavar="SHARE", help="Share of units whose offset moves after their first recording.",
     )  # fmt: skip
     seed: int = program.member(
         "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Another seed, other numbers."
