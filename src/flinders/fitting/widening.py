@@ -56,13 +56,13 @@ class Widened(NamedTuple):
     repeats: Repeats | None = None
 
     def with_covariance(self, covariance: Floats) -> Widened:
-        """The same with another (9, 9) covariance, and unknown level errors."""
+        """Widened fit with another (9, 9) covariance, and unknown level errors."""
         self.record["covariance"] = covariance.ravel()
         self.record["level_worst_deg"] = self.record["level_rms_deg"] = np.nan
         return self._replace(estimate=replace(self.estimate, covariance=covariance))
 
     def with_shrinkage(self) -> Widened:
-        """The same with the shrunk estimate of the record."""
+        """Widened fit with the shrunk estimate of the record."""
         ellipsoid = Ellipsoid(self.record["centre"].copy(), symmetric_matrix(self.record["shape"]))
         covariance = self.record["covariance"].reshape(9, 9).copy()
         return self._replace(estimate=replace(self.estimate, ellipsoid=ellipsoid, covariance=covariance, textbook=None))
