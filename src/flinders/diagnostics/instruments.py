@@ -193,7 +193,7 @@ def gyro_scale_mistake(off: float) -> Mistake:
     """Mistake of a gyro whose scale error is implausibly large.
 
     >>> gyro_scale_mistake(0.2).words[:76]
-    "the gyro's scales would have to be off by 20%, while those of gyros are off "
+    "the gyro's scales would have to be off by 20%, while a usual gyro's are off "
     """
     return _certain_mistake(
         "gyro-scales", "rate", {"scales_off": min(off, 1.0), "scale_error": off, "usual": SCALE_SIGMA}

@@ -68,7 +68,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="quantised",
-        number="coarsest step of an axis; looked for where many readings share its end value, and its next one",
+        number="coarsest step of an axis, tested if many readings share its end value and its next value",
         action="nothing: the heading error allows for it; a smaller range of the sensor has finer steps",
         rule=Rule("step", (Grade("note", 0.0),)),
         said=(
@@ -131,7 +131,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="time-gap",
-        number="longest time without a reading, seconds; looked for where the clock never steps back",
+        number="longest time without a reading, seconds, tested if the clock never steps back",
         limit="twenty times the usual",
         action="nothing, unless you turned the sensor meanwhile",
         rule=Rule(

@@ -4,7 +4,7 @@ The message of an error names the rows, columns and options of one recording, an
 and the report of a fleet, which shows one example of each error, use this table.
 
 >>> REFUSALS["unmoved"].remedy
-'Turn it slowly through all directions while recording.'
+'Turn the sensor slowly through all directions while recording.'
 """
 
 from __future__ import annotations

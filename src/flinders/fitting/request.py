@@ -103,5 +103,8 @@ def estimator_of(method: str | Estimator, request: Request) -> Estimator:
     of_site = {name: getattr(request, name) for name in SITE_OPTIONS if name in options}
     for name, known in of_site.items():
         if (own := getattr(given, name)) not in (known, options[name].default):
-            raise UsageError(f"{given.name} has its own value {own:g}: state it in the site", hint={"site": None})
+            raise UsageError(
+                f"{name} of {given.name} is {own:g}, and that of the request differs: state it in the site only",
+                hint={"site": None},
+            )
     return cast("Estimator", replace(given, **of_site) if of_site else given)
