@@ -79,7 +79,7 @@ ROWS: Final = (
             "{name} explains nothing: where readings were left out of the fit, their strength scatters "
             "{scatter_ratio:.3f} times as much with it as without; the calibration does not follow it"
         ),
-        plain="One of the columns that the compass was to follow does not move it, and was left out.",
+        plain="One of the columns that the compass was to follow has no effect on it, and was left out.",
         remedy="Leave that column out.",
     ),
     CatalogueRow(

@@ -215,7 +215,7 @@ async def _finish(request: Request) -> Response:
     hub: Hub = request.app.state.hub
     edits = parse(await _body(request))
     if not isinstance(edits, Edits):
-        raise UsageError("not the edits of a page")
+        raise UsageError("the message does not contain edits of a page")
     asked = request.query_params
     made = await hub.finish(CalibrationRequest(edits, asked.get("log"), asked.get("previous", "")))
     return Response(
