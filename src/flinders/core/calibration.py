@@ -455,7 +455,7 @@ class Calibration(Value):
         if axes == self.axes:
             return self
         if not self.axes.is_identity:
-            raise AxesError(f"the calibration is for axes {self.axes} already: map it from the recorded axes at once")
+            raise AxesError(f"the calibration is for axes {self.axes} already: give one mapping from the recorded axes")
         turn = axes.apply(np.eye(3)).T
         disturbances = tuple(replace(each, per_unit=turn @ each.per_unit) for each in self.disturbances)
         matrix, offset = turn @ self.matrix @ turn.T, turn @ self.offset

@@ -337,7 +337,7 @@ class Samples:
         if axes == self.axes:
             return self
         if not self.axes.is_identity:
-            raise AxesError(f"{self.source} is in axes {self.axes} already: map it from the recorded axes at once")
+            raise AxesError(f"{self.source} is in axes {self.axes} already: give one mapping from the recorded axes")
         onboard = None if self.onboard is None else self.onboard.map_axes(axes)
         mapped = replace(self, field=axes.apply(self.field), onboard=onboard, axes=axes)
         if axes.is_mirror:

@@ -126,9 +126,9 @@ ROWS: Final = (
         ),
         rule=Rule("is_typed", (Grade("limits", 0.0),), number="unturned_deg", limit=Limit(1.0, "target_deg")),
         said=(
-            "six typed numbers: they do not show how many readings they are the extremes of, how noisy those were or "
-            "how far the turn went, so no heading error can be claimed{turned_short}. Check it on known bearings, and "
-            "record the readings where that can be done"
+            "six typed numbers: they do not show the number of readings, their noise or the extent of the turn, so no "
+            "heading error can be claimed{turned_short}. Check the calibration on known bearings, and record the "
+            "readings if possible"
         ),
         plain=(
             "There was no recording, only the smallest and the largest reading of each axis, which do not show how "

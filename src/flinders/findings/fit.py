@@ -82,7 +82,7 @@ ROWS: Final = (
     CatalogueRow(
         code="soft-iron-changed",
         number="how often chance alone makes the readings contradict the soft iron of the earlier calibration as much",
-        action="tumble the sensor again and calibrate: what was renewed allows the soft iron a change of 5 %",
+        action="tumble the sensor again and calibrate: the renewal allows the soft iron a change of 5 %",
         rule=Rule("soft_iron_p_value", (Grade("limits", 0.001),), comparison="<"),
         fault=(
             "the soft iron of {previous} no longer fits the readings (chance: {soft_iron_p_value:.1g}), so that it "

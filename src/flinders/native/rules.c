@@ -233,7 +233,7 @@ const flinders_rule fl_rules[FL_RULES] = {
     {"level-plane", "keep the vehicle level, or turn the sensor onto its sides and upside down too", 2, 1, 0},
     {"heading-error", "turn the sensor through all directions and record for longer, or ask for less", 4, 2, 0},
     {"corrected-before", "leave the readings as they are, where the advice says so: the calibration hardly improves on them", 7, 1, 0},
-    {"soft-iron-changed", "tumble the sensor again and calibrate: what was renewed allows the soft iron a change of 5 %", 9, 1, 0},
+    {"soft-iron-changed", "tumble the sensor again and calibrate: the renewal allows the soft iron a change of 5 %", 9, 1, 0},
     {"poses-contradict", "check each heading, the dip, and that no iron is near; soft iron that has changed needs a full tumble", 11, 1, 0},
     {"rotation-uncertain", "tilt the body far about two axes while recording, say how well the accelerometer is calibrated (--accelerometer-bias), or calibrate without aids and measure the mounting", 13, 1, 0},
     {"bias", "use auto: the method's model is too simple for this sensor, or noise biases it", 15, 2, 0},
