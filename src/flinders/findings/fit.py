@@ -76,8 +76,8 @@ ROWS: Final = (
             "the readings were corrected before. As recorded they give headings to {uncorrected_deg:angle} ± "
             "{worst_deg:angle} (worst heading), with this calibration to {worst_deg:angle}: {leave}"
         ),
-        plain="The readings were corrected before, and are off by {angle} of heading as they are.",
-        remedy="Use the calibration only if that is too much.",
+        plain="The readings were already corrected. Without this calibration their headings are off by {angle}.",
+        remedy="Use the calibration only if that error is too large.",
     ),
     CatalogueRow(
         code="soft-iron-changed",
@@ -188,8 +188,8 @@ ROWS: Final = (
         ),
         rule=Rule("unobserved", (Grade("limits", 0.0),)),
         said=(
-            "the readings leave {unobserved:.0f} of nine parameters open{rings}, and the prior holds them: turn the "
-            "sensor about all three of its axes"
+            "the readings do not determine {unobserved:.0f} of nine parameters{rings}, and the prior is used: turn "
+            "the sensor about all three of its axes"
         ),
         plain=(
             "The sensor was turned in too few ways. For {number:.0f} of the 9 numbers of the correction the "

@@ -30,7 +30,7 @@ class StandardOptions(program.Group):
     )  # fmt: skip
     limit_deg: float | None = program.member(
         "--limit", heading=STANDARD, type=program.angle, metavar="DEG",
-        help="Largest deviation allowed [default: that of the rule, if its text was seen].",
+        help="Largest deviation allowed [default: that of the rule, if verified in its text].",
     )  # fmt: skip
     base_error_deg: float = program.member(
         "--base-error", heading=STANDARD, type=program.number_within(0, 45, "degrees from 0 to 45", zero=True),
