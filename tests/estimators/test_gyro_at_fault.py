@@ -145,7 +145,7 @@ def test_a_known_gyro_has_its_scales_held() -> None:
             flinders.fit(true.samples, aiding=flinders.Instruments("rate", gyro_scale_sigma=wrong))
 
 
-@pytest.mark.parametrize(("seen", "words"), [(-47.0, "turned round"), (-66.0, "upside down"), (50.0, "check place")])
+@pytest.mark.parametrize(("seen", "words"), [(-47.0, "wrong sign"), (-66.0, "upside down"), (50.0, "check place")])
 def test_a_dip_of_the_other_sign_is_no_other_place(seen: float, words: str) -> None:
     assert words in wrong_dip_mistake(seen, Site(None, 66.0)).words
 

@@ -62,7 +62,7 @@ def import_log(
 
 
 def _choose_magnetometers(log: Log, sensor: str | None) -> Sequence[Instrument]:
-    """The magnetometers to import: the named one, the only one with a calibration, or all of these for ``all``."""
+    """The magnetometers to import: the named one, else the only calibrated one; all calibrated ones for ``all``."""
     if sensor is not None and sensor.strip().casefold() != "all":
         return [log.sensor(sensor)]
     known = [each for each in log.instruments if each.onboard is not None]

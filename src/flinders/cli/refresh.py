@@ -57,7 +57,7 @@ class Refresh(program.Group):
     )  # fmt: skip
     headings: str | None = program.member(
         "--heading", heading=program.SITE, metavar="DEG,…",
-        help="True heading at each RECORDING, with the vehicle at rest; with --at and --date, or those of a log.",
+        help="True heading of the vehicle, at rest, in each RECORDING; needs --at and --date, or a log with both.",
     )  # fmt: skip
     magnetic_headings: str | None = program.member(
         "--magnetic-heading", heading=program.SITE, metavar="DEG,…",

@@ -78,7 +78,7 @@ class Disagreement:
         return {name: getattr(self, name) for name in self.__slots__}
 
     def of_sensor(self, places: Mapping[int, int]) -> Self:
-        """The same with the sensors renumbered by `places`."""
+        """Copy of the span with its sensor renumbered by `places`."""
         return replace(self, sensor=None if self.sensor is None else places[self.sensor])
 
     def __str__(self) -> str:

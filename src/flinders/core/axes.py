@@ -63,7 +63,7 @@ class Axes:
     def mirrored_axis(self) -> str:
         """Name of the recorded axis to reverse so that a mirror image becomes a rotation; empty for a rotation.
 
-        Reversing any of the three axes gives a rotation. This axis gives the smallest one.
+        Reversing any of the three axes gives a rotation; reversing this axis gives the rotation by the smallest angle.
 
         >>> Axes.of("x,-y,z").mirrored_axis, Axes.of("-y,-x,z").mirrored_axis, Axes.of("y,-x,z").mirrored_axis
         ('y', 'x', '')

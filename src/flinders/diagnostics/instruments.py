@@ -124,7 +124,7 @@ def _mistake(code: str, aid: str, values: dict[str, Any], *, drops: bool = True)
 
 
 def _certain_mistake(code: str, aid: str, values: dict[str, Any], *, drops: bool = True) -> Mistake:
-    """Mistake whose rule is known to hold."""
+    """Make a mistake whose finding applies at any value; its numbers are not compared with a limit."""
     return Mistake(aid, certain_finding({**values, "aid": aid}, code), drops)
 
 
@@ -193,7 +193,7 @@ def gyro_scale_mistake(off: float) -> Mistake:
     """Mistake of a gyro whose scale error is implausibly large.
 
     >>> gyro_scale_mistake(0.2).words[:76]
-    "the gyro's scales would have to be off by 20%, while those of gyros are off "
+    "the gyro's scales would have to be off by 20%, while a usual gyro's are off "
     """
     return _certain_mistake(
         "gyro-scales", "rate", {"scales_off": min(off, 1.0), "scale_error": off, "usual": SCALE_SIGMA}
@@ -222,7 +222,7 @@ def lean_mistake(samples: Samples, aided: AidedFit, claimed_deg: float = 0.0) ->
 
 
 def divergence(aid: str, before_deg: float, after_deg: float) -> Mistake | None:
-    """Mistake of an aiding sensor with which a fit claims many times the heading error; None if it does not.
+    """Mistake of an aiding sensor that makes the claimed heading error many times larger; None if it does not.
 
     >>> mistake = divergence("dip", 2.1, 180.0)
     >>> mistake is not None and mistake.words[:75]

@@ -164,7 +164,7 @@ class AxisLag:
 
     @property
     def lag(self) -> float:
-        """Delay of that axis behind the mean of the other two."""
+        """Delay of the axis with the largest lag behind the mean of the other two."""
         return 1.5 * self.lags[self._place]
 
     @property

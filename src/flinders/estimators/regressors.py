@@ -118,7 +118,7 @@ class DisturbanceEstimate:
 
     @property
     def is_unused(self) -> bool:
-        """Whether it was tested, and left out because it explains nothing."""
+        """Whether the column was tested and left out, because it explains no part of the residuals."""
         return self.disturbance is None and bool(np.isfinite(self.scatter_ratio))
 
     def as_dict(self) -> dict[str, Any]:

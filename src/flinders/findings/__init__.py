@@ -43,7 +43,7 @@ def advice(finding: Finding, spell: Spelling = python_arguments) -> str:
     """Advice with the arguments that it needs, spelled for an interface.
 
     >>> advice(Finding("unit-unknown", "note", {"field_strength": 48.0}))
-    'no unit known, so all is in counts: name it, or what one count is in µT (unit=, scale=)'
+    'the unit is not known, so all is in counts: name the unit, or the size of a count in µT (unit=, scale=)'
     """
     row = CATALOGUE.get(finding.code)
     return append_hint(finding.advice, spell(row.hint)) if row else finding.advice

@@ -12,7 +12,7 @@ ROWS: Final = (
         code="circular-attitude",
         affects="use",
         number="deviation in the yaw of the attitude that depends on the heading, degrees",
-        limit="half a degree, or three times what is claimed without it",
+        limit="half a degree, or three times the heading error claimed without it",
         action=(
             "the yaw came from this compass before it was calibrated: use `--with tilt`, or an attitude without a"
             " compass in it"
@@ -20,8 +20,8 @@ ROWS: Final = (
         rule=Rule("deviation_deg", (Grade("limits", 1.0, "deviation_limit_deg"),)),
         said=(
             "the yaw of the attitude follows a compass with a deviation of {deviation_deg:.1f}°, most likely this"
-            " one before it was calibrated: it was not used; take the attitude without its yaw ('tilt'), or one "
-            "without a compass in it"
+            " one before it was calibrated; the attitude was not used. Take the attitude without its yaw ('tilt'), or "
+            "one without a compass in it"
         ),
         plain=(
             "The heading in the recorded attitude errs by {angle}, in step with the heading itself. It most "
@@ -33,11 +33,15 @@ ROWS: Final = (
         code="gyro-unit",
         affects="use",
         number="how many times better the rate fits in another unit",
-        action="record the rate in rad/s; it was not used",
+        action="record the rate in rad/s; the gyro was not used",
         rule=Rule("times_better", (Grade("limits", 0.0),), limit=Limit(2.0)),
         said=(
             "the rate fits {times_better:.0f} times better {as_what}: record it in rad/s, clockwise along an axis"
-            " positive; it was not used"
+            " positive; the gyro was not used"
+        ),
+        plain=(
+            "The recorded turning rate does not agree with the compass, unless it is in another unit. The rate was not "
+            "used."
         ),
         plain="The recorded turning rate contradicts the compass, unless it is in another unit. It was not used.",
         remedy="Record the turning rate in radians a second.",
@@ -46,11 +50,11 @@ ROWS: Final = (
         code="gyro-differs",
         affects="use",
         number="share of the field's motion that the gyro does not explain",
-        action="the gyro is stuck, at its limit, too slow, or another body's; it was not used",
+        action="the gyro is stuck, at its limit, too slow, or another body's; its rate was not used",
         rule=Rule("gyro_leaves", (Grade("limits", 0.5),)),
         said=(
             "the gyro does not explain {gyro_leaves:.0%} of the field's motion in any unit and axes: it is "
-            "stuck, at its limit, slower than the readings, or that of another body or time; it was not used"
+            "stuck, at its limit, slower than the readings, or that of another body or time; its rate was not used"
         ),
         plain="The recorded turning rate contradicts the compass. It was not used.",
         remedy=(
@@ -62,15 +66,15 @@ ROWS: Final = (
         code="gyro-clipped",
         affects="use",
         number="share of the readings in which an axis of the gyro is at its limit",
-        action="set a wider range, or turn more slowly; it was not used",
+        action="set a wider range of the gyro, or turn more slowly; the gyro was not used",
         rule=Rule("clipped_share", (Grade("limits", 0.0),), limit=Limit(0.01)),
         said=(
             "the gyro's {axis} axis is at its limit of {gyro_range} rad/s in {clipped_share:.0%} of the readings:"
-            " set a wider range, or turn more slowly; it was not used"
+            " set a wider range, or turn more slowly; the gyro was not used"
         ),
         plain=(
             "The gyro was at its limit in {number:.0%} of the recording, so it does not tell how the compass was "
-            "turned. It was not used."
+            "turned. The gyro was not used."
         ),
         remedy="Set the gyro to a wider range, or turn more slowly.",
     ),
@@ -78,38 +82,41 @@ ROWS: Final = (
         code="gyro-scales",
         affects="use",
         number="error that the gyro's scales would have",
-        limit="0.1, five times what those of gyros are",
-        action="check its range and how often it is logged; it was not used",
+        limit="0.1, five times the usual error of a gyro's scales",
+        action="check the gyro's range and how often it is logged; the gyro was not used",
         rule=Rule("scales_off", (Grade("limits", 0.0),), limit=Limit(0.1)),
         said=(
-            "the gyro's scales would have to be off by {amount}, while those of gyros are off by about {usual:.0%}: "
-            "check its range and how often it is logged; it was not used"
+            "the gyro's scales would have to be off by {amount}, while a usual gyro's are off by about {usual:.0%}: "
+            "check its range and how often it is logged; the gyro was not used"
         ),
-        plain="The gyro turns {number:.0%} too much or too little, which no sound gyro does. It was not used.",
+        plain="The gyro turns {number:.0%} too much or too little, which no sound gyro does. The gyro was not used.",
         remedy="Check the range that the gyro is set to, and that it is recorded often enough.",
     ),
     CatalogueRow(
         code="gyro-gaps",
         affects="use",
         number="share of the readings that have no rate, in gaps of three at most",
-        action="the rate was taken from their neighbours; log the gyro as often as the magnetometer",
+        action="the rates of their neighbours were used; log the gyro as often as the magnetometer",
         rule=Rule("gap_share", (Grade("note", 0.0),)),
         said=(
-            "{gaps:,.0f} of {samples:,.0f} readings have no rate, in gaps of at most {longest_gap:.0f}: it was "
-            "taken from their neighbours; log the gyro as often as the magnetometer"
+            "{gaps:,.0f} of {samples:,.0f} readings have no rate, in gaps of at most {longest_gap:.0f}: the "
+            "rates of their neighbours were used; log the gyro as often as the magnetometer"
         ),
-        plain="In {number:.0%} of the recording the turning rate is missing, for a moment at a time. It was filled in.",
+        plain=(
+            "In {number:.0%} of the recording the turning rate is missing, for a moment at a time. The gaps were "
+            "filled in."
+        ),
         remedy="Record the turning rate as often as the compass.",
     ),
     CatalogueRow(
         code="aids-disagree",
         affects="use",
-        number="error that the gyro's scales would have with an aid, and do not have without it",
-        action="leave that aid out: an accelerometer leans in steady turns; it was not used",
+        number="error of the gyro's scales in a fit with an aid, where a fit without it finds none",
+        action="leave that aid out: an accelerometer leans in steady turns; the aid was not used",
         rule=Rule("scales_off", (Grade("limits", 0.0),), limit=Limit(0.1)),
         said=(
-            "with {aid!r} the gyro's scales would have to be off by {amount}, without it they are correct: "
-            "{why_disagree}; it was not used, leave {aid!r} out"
+            "with {aid!r} the fit finds the gyro's scales off by {amount}, without {aid!r} it finds them correct: "
+            "{why_disagree}. {aid!r} was not used; leave it out"
         ),
         plain="The gyro and the recorded vertical contradict each other. The vertical was not used.",
         remedy="Leave the vertical out, as it leans in turns; or record while turning on the spot.",
@@ -118,12 +125,12 @@ ROWS: Final = (
         code="leans-in-turns",
         affects="use",
         number="angle (rms) by which the accelerometer's vertical leans with the rate of turning, degrees",
-        limit="1.5, or three times the heading error that is claimed without it",
-        action="leave it out, or record while turning on the spot; it was not used",
+        limit="1.5, or three times the heading error claimed without the vertical",
+        action="leave the vertical out, or record while turning on the spot; the vertical was not used",
         rule=Rule("lean_deg", (Grade("limits", 1.0, "lean_limit_deg"),)),
         said=(
             "the accelerometer's vertical leans by {lean_deg:.1f}° (rms) in turns, due to the acceleration of the "
-            "motion: it was not used; leave 'dip' out, or record while turning on the spot"
+            "motion, and was not used; leave 'dip' out, or record while turning on the spot"
         ),
         plain=(
             "The vehicle was moving in turns, so that the vertical of its accelerometer leans by {number:.0f}°. The "
@@ -139,11 +146,13 @@ ROWS: Final = (
             "degrees (1 σ)"
         ),
         limit="11.5 (0.2 rad)",
-        action="check in which direction its quaternions turn, whether w comes first, its times; it was not used",
+        action=(
+            "check in which direction the quaternions turn, whether w comes first, and the times; the aid was not used"
+        ),
         rule=Rule("astray_rad", (Grade("limits", 0.2),), number="astray_deg", limit=Limit(math.degrees(0.2))),
         said=(
             "{aid!r} deviates by {astray_deg:.0f}° (1 σ) from the field, for any mounting of the magnetometer: "
-            "{why_astray}; it was not used"
+            "{why_astray}; {aid!r} was not used"
         ),
         plain="The recorded attitude of the body contradicts the compass. It was not used.",
         remedy="Check in which direction the recorded attitude turns, its times, and that it is of the same body.",
@@ -151,13 +160,13 @@ ROWS: Final = (
     CatalogueRow(
         code="aid-diverged",
         affects="use",
-        number="times more heading error that is claimed with an aid than without it",
-        action="leave it out, or turn the sensor through more directions; it was not used",
+        number="claimed heading error with an aid, as a multiple of the one without it",
+        action="leave the aid out, or turn the sensor through more directions; the aid was not used",
         rule=Rule("times_claim", (Grade("limits", 4.0),)),
         said=(
             "the fit claims a heading error of {with_deg:.0f}° with {aid!r}, {without_deg:.2g}° without: its "
-            "measurements contradict the field, or the motion leaves too much undetermined; it was not used, leave "
-            "{aid!r} out or turn the sensor through more directions"
+            "measurements contradict the field, or the motion leaves too much undetermined. {aid!r} was not used; "
+            "leave it out, or turn the sensor through more directions"
         ),
         plain="The recorded attitude of the body makes the calibration worse. It was not used.",
         remedy="Turn the vehicle through more directions, or calibrate without that instrument.",
@@ -166,11 +175,11 @@ ROWS: Final = (
         code="aid-empty",
         affects="use",
         number="readings with the quantity that an aid needs",
-        action="record it, or leave the aid out; it was not used",
+        action="record that quantity, or leave the aid out; the aid was not used",
         rule=Rule("usable", (Grade("limits", 12.0),), comparison="<"),
         said=(
-            "{usable:.0f} of {samples:,.0f} readings have {what_is_empty}: record it, or leave {aid!r} out; it was not "
-            "used"
+            "{usable:.0f} of {samples:,.0f} readings have {what_is_empty}: record it, or leave {aid!r} out; {aid!r} "
+            "was not used"
         ),
         plain="A quantity that was to help the calibration is missing in nearly all readings. It was not used.",
         remedy="Check what is recorded beside the compass.",
@@ -192,11 +201,11 @@ ROWS: Final = (
         code="one-axis",
         affects="use",
         number="amount of turning about the second axis, relative to the first",
-        action="the gyro says nothing of the offset along the one axis: turn about another as well",
+        action="the gyro does not determine the offset along that axis: turn about another axis as well",
         rule=Rule("second_axis", (Grade("note", 0.05),), comparison="<"),
         said=(
             "the body turned about one axis (about the second {second_axis:.0%} as much): the gyro does not determine "
-            "the offset along it; turn it about another axis as well"
+            "the offset along this axis; turn the body about another axis as well"
         ),
         plain=(
             "Nearly all turning was about one axis. The turning rate does not determine the offset of the compass "

@@ -24,7 +24,7 @@ ROWS: Final = (
         grades="note; limits where it is one and a half times outside",
         number="field that was found, µT",
         limit="22 or 67, the earth's weakest and strongest",
-        action="check unit and scale; headings do not depend on it, what is exported to an autopilot does",
+        action="check unit and scale; headings do not depend on the strength, an export to an autopilot does",
         rule=Rule(
             "times_outside_earth",
             (Grade("note", 1.0), Grade("limits", 1.5)),
@@ -79,12 +79,12 @@ ROWS: Final = (
         limit="",
         action=(
             "name the unit (`--unit`) or what one count is in µT (`--scale`) where lengths matter; headings do "
-            "not depend on it"
+            "not depend on the unit"
         ),
         rule=Rule("is_in_counts", (Grade("note", 0.0),), number="field_strength", limit=Limit(0.0)),
-        said="no unit known, so all is in counts: name it, or what one count is in µT",
+        said="the unit is not known, so all is in counts: name the unit, or the size of a count in µT",
         hint={"unit": None, "scale": None},
-        plain="The unit of the readings is not known: they are in counts. Headings do not depend on it.",
+        plain="The unit of the readings is not known: they are in counts. Headings do not depend on the unit.",
     ),
     CatalogueRow(
         code="scale-unknown",
@@ -92,7 +92,7 @@ ROWS: Final = (
         limit="",
         action=(
             "give the field strength at the site (`--field-strength`) where lengths matter; headings do not "
-            "depend on it"
+            "depend on the strength"
         ),
         rule=Rule("is_relative", (Grade("note", 0.0),), number="field_strength", limit=Limit(0.0)),
         said="field strength unknown: lengths ({length}) are relative, headings unaffected",
@@ -126,9 +126,9 @@ ROWS: Final = (
         ),
         rule=Rule("is_typed", (Grade("limits", 0.0),), number="unturned_deg", limit=Limit(1.0, "target_deg")),
         said=(
-            "six typed numbers: they do not show how many readings they are the extremes of, how noisy those were or "
-            "how far the turn went, so no heading error can be claimed{turned_short}. Check it on known bearings, and "
-            "record the readings where that can be done"
+            "six typed numbers: they do not show the number of readings, their noise or the extent of the turn, so no "
+            "heading error can be claimed{turned_short}. Check the calibration on known bearings, and record the "
+            "readings if possible"
         ),
         plain=(
             "There was no recording, only the smallest and the largest reading of each axis, which do not show how "

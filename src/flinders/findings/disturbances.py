@@ -15,8 +15,8 @@ ROWS: Final = (
             " one by one"
         ),
         action=(
-            "use the calibration where they rise and fall as in the recording, follow one of them alone, or vary each "
-            "by itself"
+            "use the calibration where the disturbances rise and fall as in the recording, follow one of them alone, "
+            "or vary each by itself"
         ),
         rule=Rule("most_alike", (Grade("limits", 0.95),)),
         said=(
@@ -59,7 +59,7 @@ ROWS: Final = (
             "A recorded disturbance, such as a current, hardly changed during the recording, so that its effect is not "
             "known."
         ),
-        remedy="Record again, and change it over its whole range while turning.",
+        remedy="Record again, and change that quantity over its whole range while turning.",
     ),
     CatalogueRow(
         code="column-unused",
@@ -85,8 +85,8 @@ ROWS: Final = (
         action="nothing; log that column wherever the calibration is used",
         rule=Rule("removed_deg", (Grade("note", -1.0),), limit=Limit(0.0)),
         said=(
-            "the offset follows {disturbance} ({unit}): that takes away up to {removed_deg}° of heading {at_end}, "
-            "{remaining_deg}° of it left (1 σ{running}){explains}{without}"
+            "the offset follows {disturbance} ({unit}): that removes up to {removed_deg}° of heading error {at_end}, "
+            "and leaves {remaining_deg}° (1 σ{running}){explains}{without}"
         ),
         plain="A recorded disturbance is corrected. Without that, headings would be off by up to {angle}.",
         remedy="Use the calibration only where the disturbance is measured as in the recording.",
@@ -166,7 +166,7 @@ ROWS: Final = (
         said=(
             "the effect of {name} deviates from a straight line by {curvature:.0%}: the sensor follows its "
             "square, or another quantity that varies with {name}; {other_column}use the calibration near the {name} "
-            "at which most was recorded"
+            "that occurs most in the recording"
         ),
         plain=(
             "The effect of a recorded disturbance is not proportional to it: {number:.0%} of the effect is off"
@@ -196,7 +196,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="disturbance-reference",
-        grades="limits; note for a current, which a field is in proportion to",
+        grades="limits; note for a current, as its field is proportional to it",
         number=(
             "how far the reference, no throttle or no current, lies outside the range that was recorded, as a "
             "share of that range"
@@ -210,9 +210,9 @@ ROWS: Final = (
             (Grade("note", 0.25), Grade("limits", 1.0, "reference_limit")),
         ),
         said=(
-            "the offset is stated for {reference_amount} of {name}, and it was recorded from {lowest:.3g} to "
-            "{highest_amount}: there it is extrapolated along a straight line, by {reference_outside:.0%} of that "
-            "range; record with {reference_amount} as well, or use the calibration in that range alone"
+            "the offset is stated for {reference_amount} of {name}, but {name} was recorded from {lowest:.3g} to "
+            "{highest_amount} only: the offset is extrapolated along a straight line, by {reference_outside:.0%} of "
+            "that range; record with {reference_amount} as well, or use the calibration in that range alone"
         ),
         plain=(
             "A recorded disturbance was never as low as the value at which the offset is stated. There the offset "
@@ -242,7 +242,7 @@ ROWS: Final = (
             "the residuals have a step of {step} (noise {noise}): the sensor moved, or something magnetic came near; "
             "fix both, and record again"
         ),
-        plain="The sensor that should be held still was moved.",
+        plain="The sensor should stay at rest, but was moved.",
         remedy="Fix the sensor, keep everything magnetic away, and record again.",
     ),
     CatalogueRow(
@@ -252,8 +252,8 @@ ROWS: Final = (
             "[on the bench](disturbances.md#on-the-bench), as an accelerometer shows, degrees"
         ),
         action=(
-            "fix the sensor, and record again: it moved with the disturbance, and so much of the earth's field was "
-            "taken for the disturbance's"
+            "fix the sensor, and record again: it moved with the disturbance, so that part of the earth's field "
+            "was taken for the disturbance's"
         ),
         rule=Rule("tilted_deg", (Grade("limits", 0.5),)),
         said=(

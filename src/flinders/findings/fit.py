@@ -76,8 +76,8 @@ ROWS: Final = (
             "the readings were corrected before. As recorded they give headings to {uncorrected_deg:angle} ± "
             "{worst_deg:angle} (worst heading), with this calibration to {worst_deg:angle}: {leave}"
         ),
-        plain="The readings were corrected before, and are off by {angle} of heading as they are.",
-        remedy="Use the calibration only if that is too much.",
+        plain="The readings were already corrected. Without this calibration their headings are off by {angle}.",
+        remedy="Use the calibration only if that error is too large.",
     ),
     CatalogueRow(
         code="soft-iron-changed",
@@ -184,12 +184,12 @@ ROWS: Final = (
         number="number of the nine parameters that the readings do not determine",
         action=(
             "as where all readings lie on one ring or on two: turn the sensor about another axis too; until then "
-            "the prior that soft iron is mild holds what is open"
+            "the prior that soft iron is mild determines the rest"
         ),
         rule=Rule("unobserved", (Grade("limits", 0.0),)),
         said=(
-            "the readings leave {unobserved:.0f} of nine parameters open{rings}, and the prior holds them: turn the "
-            "sensor about all three of its axes"
+            "the readings do not determine {unobserved:.0f} of nine parameters{rings}, and the prior is used: turn "
+            "the sensor about all three of its axes"
         ),
         plain=(
             "The sensor was turned in too few ways. For {number:.0f} of the 9 numbers of the correction the "
@@ -275,7 +275,10 @@ ROWS: Final = (
             "independent readings, as a share of those used; residuals below a millionth of the field are "
             "rounding and count as independent"
         ),
-        action="nothing: the heading error allows for it; usual for a tumble by hand, and less of it away from iron",
+        action=(
+            "nothing: the heading error allows for the correlation, which is usual for a tumble by hand, and smaller "
+            "away from iron"
+        ),
         rule=Rule(
             "independent_share", (Grade("note", 0.5),), comparison="<", needs=(Needs("independent", ">=", 20.0),)
         ),
@@ -297,7 +300,7 @@ ROWS: Final = (
         rule=Rule("inflation", (Grade("limits", 2.0),)),
         fault="the ellipsoid is {inflation} times as wide as its readings, which lie on a small patch of it",
         said="{movement}",
-        plain="The readings lie on a small patch of the sphere that they should go round. The rest of it is a guess.",
+        plain="The readings cover a small patch of their sphere. The rest of the sphere is a guess.",
         remedy="{movement}",
     ),
 )

@@ -14,7 +14,7 @@ ROWS: Final = (
         number="correlation of a residual with the next",
         limit="−0.25, and four standard errors",
         action=(
-            "the readings of two sensors take turns, or something switches as fast as is read: record one sensor alone"
+            "the readings of two sensors are mixed, or something switches at the reading rate: record one sensor alone"
         ),
         rule=Rule(
             "alternating_deg",
@@ -68,7 +68,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="quantised",
-        number="coarsest step of an axis; looked for where many readings share its end value, and its next one",
+        number="coarsest step of an axis, tested if many readings share its end value and its next value",
         action="nothing: the heading error allows for it; a smaller range of the sensor has finer steps",
         rule=Rule("step", (Grade("note", 0.0),)),
         said=(
@@ -131,7 +131,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="time-gap",
-        number="longest time without a reading, seconds; looked for where the clock never steps back",
+        number="longest time without a reading, seconds, tested if the clock never steps back",
         limit="twenty times the usual",
         action="nothing, unless you turned the sensor meanwhile",
         rule=Rule(

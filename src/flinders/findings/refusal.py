@@ -4,7 +4,7 @@ The message of an error names the rows, columns and options of one recording, an
 and the report of a fleet, which shows one example of each error, use this table.
 
 >>> REFUSALS["unmoved"].remedy
-'Turn it slowly through all directions while recording.'
+'Turn the sensor slowly through all directions while recording.'
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ REFUSALS: Final[dict[str, Refusal]] = {
     "unmoved": Refusal(
         "turn the sensor while recording",
         "The sensor was hardly turned: all readings lie about one direction.",
-        "Turn it slowly through all directions while recording.",
+        "Turn the sensor slowly through all directions while recording.",
     ),
     "not-turned": Refusal(
         "turn the sensor while recording, or give the calibration that the disturbances belong to",
-        "The sensor was held still while what disturbs it changed.",
-        "Give the calibration that this belongs to, or turn the sensor while recording.",
+        "The sensor was at rest while the disturbances changed.",
+        "Give the calibration to which the disturbances belong, or turn the sensor while recording.",
     ),
     "follows-attitude": Refusal(
-        "change what the column measures in each attitude, or leave the column out",
-        "One of the columns that the compass was to follow only changes with the way it is turned.",
-        "Change it in each position, not in step with the turning, or leave that column out.",
+        "change the quantity of the column in each attitude, or leave the column out",
+        "One of the columns that the compass was to follow changes only with its attitude.",
+        "Change that quantity in each position, not in step with the turning, or leave that column out.",
     ),
     "out-of-scale": Refusal(
         "check the unit and the columns",
@@ -53,44 +53,44 @@ REFUSALS: Final[dict[str, Refusal]] = {
     ),
     "not-an-ellipsoid": Refusal(
         "turn the sensor upside down and onto each of its sides",
-        "The readings cover too few directions to tell what they would be in the others.",
+        "The readings cover too few directions to determine an ellipsoid.",
         "Turn the sensor upside down and onto each of its sides.",
     ),
     "undetermined": Refusal(
         "turn the sensor about more of its axes",
-        "The sensor was turned in too few ways. For {unseen} of the 9 numbers of the correction the recording tells "
-        "nothing.",
+        "The sensor was turned about too few axes. The recording does not determine {unseen} of the 9 numbers of the "
+        "correction.",
         "Turn the sensor about all three of its axes.",
     ),
     "missing-pose": Refusal(
-        "put the device down on the side that is named, too",
-        "The poses leave offsets or gains of the accelerometer open.",
+        "put the device down also on the side that the message names",
+        "The poses do not determine all offsets and gains of the accelerometer.",
         "Put the device down on each of its six sides.",
     ),
     "constant-strength": Refusal(
         "",
-        "The field has nearly one and the same strength at all readings. The method that was asked for needs one that "
+        "The field has nearly the same strength at all readings. The chosen method needs a field whose strength "
         "varies.",
         "Use another method.",
     ),
     "wrong-strength": Refusal(
-        "check the column of the field's strength, or take it out",
-        "The strength of the field that the recording tells beside its readings cannot be right.",
-        "Check where that column comes from, or take it out.",
+        "check the column of the field's strength, or remove the column",
+        "The strength of the field in the recording is impossible for its readings.",
+        "Check the source of that column, or remove the column.",
     ),
     "collapsed": Refusal(
         "",
-        "The method that was asked for finds no correction near these readings.",
+        "The chosen method finds no correction near these readings.",
         "Use another method, or turn the sensor onto all of its sides.",
     ),
     "refused": Refusal("record again, and turn the sensor as the message says"),
     "unreadable": Refusal("check whether the file is whole, and of a kind that is read"),
     "document": Refusal("check whether the file is whole"),
     "no-magnetometer": Refusal("name the columns of the magnetometer"),
-    "no-unit": Refusal("say in the table whose readings they are"),
+    "no-unit": Refusal("name the unit of each reading in the table"),
     "unit": Refusal("give all files of a unit in one unit of field"),
     "axes": Refusal("check how the axes are mapped"),
-    "usage": Refusal("check the options that say how files are read"),
+    "usage": Refusal("check the options for reading files"),
     "foreign-axes": Refusal("check which sensor the columns belong to"),
     "missing-extra": Refusal("install what the message names"),
     "changed-file": Refusal("give the new recording a name of its own: the row is of what the file was"),

@@ -128,14 +128,14 @@ def reference_amount(name: str, reference: float) -> str:
 
 def running(runs_along: float) -> str:
     """Remark that the other motors ran too."""
-    return ", the other motors running along as they did then" if runs_along else ""
+    return ", with the other motors running as in the recording" if runs_along else ""
 
 
 def without(noise_uncompensated: float, noise: float) -> str:
     """Residual that readings would have without modelled disturbances."""
     if math.isnan(noise_uncompensated):
         return ""
-    return f"; with nothing followed, readings lie {figures(noise_uncompensated)} off instead of {figures(noise)}"
+    return f"; without this correction, residuals are {figures(noise_uncompensated)} instead of {figures(noise)}"
 
 
 def other_column(name: str) -> str:
@@ -155,7 +155,7 @@ def out_of_range(name: str, lowest: float, highest: float) -> str:
     return (
         f"{name} was recorded from {lowest:.3g} to "
         f"{highest:.3g}{kind.unit}: a drawn current is negative there, "
-        "and positive for autopilots; turn the sign of the column round"
+        "and positive for autopilots; change the sign of the column"
     )
 
 
@@ -210,18 +210,18 @@ def how_it_sits(aid: str, axes: str, seat: str) -> str:
     what, other = instrument(aid), instrument("dip" if aid == "rate" else "rate")
     if seat == "mirrored":
         return (
-            f"as a mirror image, {axes} of the magnetometer's axes: one of them has a wrong sign, correct it "
-            "where it is recorded; it was not used"
+            f"as a mirror image, {axes} of the magnetometer's axes: one of them has a wrong sign, correct the sign "
+            f"where it is recorded; the {what} was not used"
         )
     if seat == "contradicted":
         return (
             f"with the magnetometer's axes turned by {axes}, and the {other} does not: the {what} sits "
-            "differently from the two, rotate its columns; it was not used"
+            f"differently from the two, rotate its columns; the {what} was not used"
         )
     if seat == "unclear":
         return (
             f"with the magnetometer's axes turned, such as by {axes}, with too little motion to determine how: rotate "
-            f"the {what}'s columns into the magnetometer's axes; it was not used"
+            f"the {what}'s columns into the magnetometer's axes; the {what} was not used"
         )
     if seat == "half-turned":
         mended = Axes.of(axes).opposite
@@ -240,7 +240,7 @@ SITE_FAULTS: Final = {
     "reversed": "the vertical seems to be upside down, as an accelerometer that lies level reads −g on z",
     "turned": (
         "the vertical is upside down, as an accelerometer that lies level reads −g on z, or an axis of the "
-        "magnetometer is turned round"
+        "magnetometer has the wrong sign"
     ),
     "elsewhere": "check place and date, and whether iron was near",
 }
@@ -267,7 +267,7 @@ def why_deviates(is_by_length: float) -> str:
 
 def does_not_rest(is_alone: float) -> str:
     """Remark that a calibration does not include deviating stretches."""
-    return "" if is_alone else ". The calibration does not rest on that"
+    return "" if is_alone else ". These readings are not used in the calibration"
 
 
 def disagreement(apart_deg: float, apart_share: float, deviation_spans: Sequence[Row], deviation_count: float) -> str:
@@ -284,7 +284,7 @@ def each_alone(apart_share: float) -> str:
     """Consequence if two sensors disagree all the time."""
     if not math.isnan(apart_share):
         return ""
-    return ". Each is fitted by itself: see whether one is loose or its clock off, or add a third"
+    return ". Each sensor is fitted by itself: check whether one is loose or its clock is wrong, or add a third sensor"
 
 
 def who_is_mirrored(left_handed: Sequence[str]) -> str:
@@ -308,13 +308,13 @@ def why_alone(together_deg: float, alone_deg: float) -> str:
     """Reason why a sensor is not fitted together with the others."""
     if not together_deg and not alone_deg:
         return (
-            "the readings do not determine the rotation between the magnetometers, and each is fitted "
-            "by itself: turn the body about all its axes"
+            "the readings do not determine the rotation between the magnetometers, and each magnetometer "
+            "is fitted by itself: turn the body about all its axes"
         )
     return (
         f"with the others its worst heading error would be {figures(together_deg)}°, and by itself it is "
-        f"{figures(alone_deg)}°: it is fitted by itself, in its own axes. Find out what is wrong with the "
-        "others, and at their clocks"
+        f"{figures(alone_deg)}°: it is fitted by itself, in its own axes. Check the other sensors and "
+        "their clocks"
     )
 
 

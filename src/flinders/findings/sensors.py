@@ -131,7 +131,7 @@ ROWS: Final = (
             "its clock is {delay_ms:.0f} ms {behind} that of {reference} (± {delay_sigma_ms:.0f} ms), which was "
             "removed to compare them"
         ),
-        plain="The clock of this sensor is off that of another one by {seconds} s. That was allowed for.",
+        plain="The clocks of this sensor and of another one differ by {seconds} s. The difference was removed.",
     ),
     CatalogueRow(
         code="not-together",

@@ -73,8 +73,8 @@ ROWS: Final = (
             "from some reading on; reported if they then fit like a usable recording"
         ),
         action=(
-            "find out what the driver did at the reading that the advice names; record again. A swap through the "
-            "whole recording [cannot be told](fleet/faults.md)"
+            "check the driver for a change at the reading that the advice names; record again. A swap throughout the "
+            "recording [cannot be detected](fleet/faults.md)"
         ),
         rule=Rule("swap_gain", (Grade("limits", 1.1),)),
         fault="from reading {swap}",
@@ -92,7 +92,7 @@ ROWS: Final = (
             "error of a level heading, degrees, at the far end of the range of a [disturbance](disturbances.md) that "
             "was recorded but is not modelled"
         ),
-        action="calibrate `--with` it, or record without",
+        action="calibrate `--with` that disturbance, or record without it",
         rule=Rule("unmodelled_deg", (Grade("limits", 0.5, "target_deg"),)),
         fault=(
             "readings follow the {unmodelled} that was recorded with them, by up to {unmodelled_deg}° of heading, "
@@ -162,7 +162,7 @@ ROWS: Final = (
             "causes it less often than once in ten thousand, and both halves of the recording show it"
         ),
         action=(
-            "nothing below the target, the heading error allows for it; else correct it (`linearize=True`, "
+            "nothing below the target, as the heading error allows for it; above, correct it (`linearize=True`, "
             "`--linearize`) where the correction goes into C or Python code, or move the sensor away from magnets, so "
             "that it works in the middle of its range"
         ),
@@ -211,8 +211,8 @@ ROWS: Final = (
             "causes it less often than once in ten thousand, and both halves of the recording show it"
         ),
         action=(
-            "nothing below the target, the heading error allows for it; else read all axes at once (one burst, block "
-            "data update), or turn the sensor more slowly"
+            "nothing below the target, as the heading error allows for it; above, read all axes at once (one burst, "
+            "block data update), or turn the sensor more slowly"
         ),
         rule=Rule(
             "lag_deg",

@@ -203,7 +203,7 @@ def why_biased(plane: str) -> str:
 
 def rings(unobserved: float) -> str:
     """Pattern of readings that leaves one parameter undetermined."""
-    return ", as two rings of readings would" if unobserved == 1.0 else ""
+    return ", as for two rings of readings" if unobserved == 1.0 else ""
 
 
 def independent_readings(independent: float, samples: float) -> str:

@@ -205,7 +205,7 @@ def _with_disturbances(
 def _groups(
     units: Sequence[Samples] | ConcatenatedRecordings,
 ) -> Iterator[tuple[NDArray[np.intp], Samples, NDArray[np.int64]]]:
-    """Yield groups of units that need their readings alone: their indices, joined readings and start indices."""
+    """Yield groups of units to fit from readings and times only: their indices, joined readings, start indices."""
     if isinstance(units, ConcatenatedRecordings):
         if _is_plain(units.whole):
             yield np.arange(len(units)), units.whole, np.concatenate([[0], units.ends])

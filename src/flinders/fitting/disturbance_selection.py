@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from flinders.core.samples import Recording, Samples
 
 INTERVALS_PER_FOLD: Final = 4
-"""Intervals of each fold: enough that a motor that runs for a while runs in fitted and in left-out readings."""
+"""Number of intervals of each fold, so that a spell of a motor falls into fitted and into left-out readings."""
 
 MAX_SCATTER_RATIO: Final = 0.98
 """Largest ratio of the scatter of left-out readings, with a disturbance over without it, at which it is accepted."""

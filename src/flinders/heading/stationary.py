@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 MAX_DEVIATION_DEG: Final = 3.0
-"""Largest angle between the mean of a moment and that of its rest."""
+"""Largest angle between the mean of one part of a rest and the mean of the whole rest."""
 MIN_REST_READINGS: Final = 50
 """Length of the shortest rest, in readings."""
 MOMENTS_PER_REST: Final = 8

@@ -127,11 +127,11 @@ class ObservationGroup:
         return [self.chunk(slice(begin, begin + each)) for begin in range(0, len(self.rows), each)]
 
     def thin_windows(self, step: int) -> Self:
-        """The group with one of `step` windows."""
+        """The group with every `step`-th window."""
         return self.chunk(slice(None, None, step))
 
     def thin_runs(self, step: int) -> Self:
-        """The group with one of `step` windows; single readings in runs of `RUN_READINGS`, for noise estimates."""
+        """The group with every `step`-th window; single readings in runs of `RUN_READINGS`, for noise estimates."""
         if self.turned is not None:
             return self.thin_windows(step)
         return self.chunk(np.flatnonzero(np.arange(len(self.rows)) // RUN_READINGS % step == 0))

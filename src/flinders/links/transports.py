@@ -212,7 +212,7 @@ class Udp:
             except ConnectionError:
                 pass
             except OSError as error:
-                raise LinkError(f"{self.name} does not take what is sent: {reason_and_remedy(error)}") from None
+                raise LinkError(f"{self.name}: sending failed: {reason_and_remedy(error)}") from None
 
     def _enlarge_buffer(self) -> None:
         """Request a larger receive buffer, and a count of dropped datagrams."""
@@ -274,7 +274,7 @@ class Tcp:
             self._socket.sendall(content)
         except (OSError, ValueError) as error:
             self.close()
-            raise LinkError(f"{self.name} does not take what is sent: {reason_and_remedy(error)}") from None
+            raise LinkError(f"{self.name}: sending failed: {reason_and_remedy(error)}") from None
 
     def reopen(self) -> None:
         """As `ByteSource.reopen`."""

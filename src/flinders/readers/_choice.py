@@ -43,8 +43,8 @@ class Choice:
     (1, 0)
     >>> Choice(preferred="mag_bow").index_in(["mag_left", "mag_right"], "two.csv")
     Traceback (most recent call last):
-    flinders.errors.UsageError: two.csv has no magnetometer mag_bow, which the calibration is for: there are 1
-        (mag_left), 2 (mag_right); say which one it is for (sensor=)
+    flinders.errors.UsageError: two.csv has no magnetometer mag_bow, for which the calibration was made:
+        there are 1 (mag_left), 2 (mag_right); choose one (sensor=)
     """
 
     sensor: str | None = None  # requested number from 1, or name
@@ -95,7 +95,7 @@ class Choice:
         what = f"{source} has no magnetometer {wanted.strip() or repr(wanted)}"
         if self.sensor is None:
             raise UsageError(
-                f"{what}, which the calibration is for: there {verb} {there}; say which one it is for",
+                f"{what}, for which the calibration was made: there {verb} {there}; choose one",
                 hint={"sensor": None},
             )
         raise UsageError(f"{what}: there {verb} {there or 'none'}")

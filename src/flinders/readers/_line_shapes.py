@@ -135,7 +135,7 @@ def _is_failure(shape: str) -> bool:
 
 
 def _is_piece(letters: str, reading: str) -> bool:
-    """Tell whether letters are part of a reading's, or its start and end without the middle."""
+    """Tell whether the letters of a line are those of a cut line: part of a reading's letters, or its two ends."""
     ends = range(1, len(letters))
     is_gapped = any(reading.startswith(letters[:end]) and reading.endswith(letters[end:]) for end in ends)
     return letters in reading or is_gapped

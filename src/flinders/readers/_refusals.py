@@ -2,7 +2,7 @@
 
 >>> refuse_one_value("log.csv", [f"mag_{axis},{value}" for axis in "xyz" for value in range(9)])
 Traceback (most recent call last):
-flinders.errors.NoMagnetometer: log.csv has one value a row, of which column 1 names the axis (mag_x, mag_y, mag_z):
+flinders.errors.NoMagnetometer: log.csv has one value in each row, and column 1 names the axis (mag_x, mag_y, mag_z):
     pivot it, so that x, y and z of a reading are in one row, or export a column for each
 """
 
@@ -145,7 +145,7 @@ def refuse_one_value(name: str, lines: Sequence[str], *, may_be_in_turn: bool = 
             told = _axes_of_words(words)
             if told and (may_be_in_turn or not _are_in_turn([word for word in words if word in told])):
                 raise NoMagnetometer(
-                    f"{name} has one value a row, of which column {place + 1} names the axis ({', '.join(told)}): "
+                    f"{name} has one value in each row, and column {place + 1} names the axis ({', '.join(told)}): "
                     "pivot it, so that x, y and z of a reading are in one row, or export a column for each"
                 )
 

@@ -300,7 +300,7 @@ def _disturbance_offsets(fit: Fit, disturbance: Disturbance, place: int) -> list
 def _disturbance_words(
     disturbance: Disturbance, removed_deg: float, estimate: DisturbanceEstimate | None, *, has_others: bool
 ) -> str:
-    """Recorded range of a disturbance, its effect on a heading, and the corrected rest; reference, lag and gain."""
+    """Range of a disturbance, its effect on headings with and without correction, its reference, lag and gain."""
     amount, left = disturbance.text_of, ""
     if estimate is not None:
         running = " and the other motors run along as they did then" if has_others else ""

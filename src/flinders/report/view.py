@@ -285,7 +285,7 @@ def _surface_fields(fit: Fit, corrected: Floats) -> dict[str, Any]:
 
 
 def _claim_fields(fit: Fit, errors_deg: Floats, goal: Goal, frame: Frame) -> dict[str, Any]:
-    """Data that also need a covariance."""
+    """Fields of a fit's view that need the covariance of the calibration."""
     return {
         "heading_error_deg": _heading_error(fit),
         "attitude_limit_deg": fit.claim.attitude_limit_deg,

@@ -115,8 +115,7 @@ def find_accepting(
     if noise and not target.estimator:
         takes = ", ".join(each.name for each in registry().values() if each.estimator)
         raise UsageError(
-            f"{target.name} includes the noise by itself if it can: leave it out; targets with an option for it: "
-            f"{takes}",
+            f"{target.name} has no option for the noise: leave it out; targets with that option: {takes}",
             hint={"noise": None},
         )
     return target

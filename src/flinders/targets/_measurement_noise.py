@@ -74,12 +74,12 @@ class MeasurementNoise(ShortRepr):
 
     @property
     def axis(self) -> float:
-        """Standard deviation of one horizontal axis of a corrected reading, both parts."""
+        """Standard deviation of one horizontal axis of a corrected reading: noise and calibration error."""
         return math.hypot(self.reading, self.calibration)
 
     @property
     def across(self) -> float:
-        """Standard deviation of a corrected reading across the horizontal field, which turns the heading; both."""
+        """Standard deviation of a corrected reading across the horizontal field: noise and calibration error."""
         return math.hypot(self.reading, self.horizontal * math.radians(self.heading_calibration_deg))
 
     @property

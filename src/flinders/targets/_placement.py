@@ -101,7 +101,7 @@ class Placement:
 
     @property
     def rotation(self) -> Floats:
-        """(3, 3) R as it is written: by right angles if it is rounded to these."""
+        """(3, 3) R as written to the file; a signed permutation if the mounting was rounded to right angles."""
         return self.found if self.axes is None else self.axes.matrix
 
     @property

@@ -238,7 +238,7 @@ class Target:
 
     @property
     def refuses_mounted(self) -> bool:
-        """Whether it needs the sensor's own axes, as it acts before the mounting or is the mounting."""
+        """Whether the target needs the sensor's own axes, as it acts before the mounting or is the mounting."""
         return (self.acts == "recorded" and not self.fed) or self.keeps in MOUNTING_KINDS
 
     def as_dict(self) -> dict[str, Any]:

@@ -185,7 +185,7 @@ class CorrectionStream:
 
     @property
     def encoding(self) -> str:
-        """Encoding of `lines`: that of a text source."""
+        """Encoding of `lines`: that of the source if it is text, else UTF-8."""
         return self.recording.layout.encoding if isinstance(self.recording, TextRecording) else "utf-8"
 
     def lines(self, *, add: bool = False) -> Iterator[str]:

@@ -154,7 +154,7 @@ def _parts(recording: Recording) -> list[Recording]:
 
 
 def _stored_calibrations(recording: Recording) -> list[Stored]:
-    """Calibration in force by each of the logs."""
+    """The calibration that each log states to be in force, without logs that state none."""
     return [stored for part in _parts(recording) if (stored := getattr(part, "stored", None)) is not None]
 
 

@@ -57,7 +57,7 @@ def stray_budget(relation: Relation, given: Mapping[str, UnitValue | str], *, si
     if relation != "heading" and relation not in SOURCES:
         raise UsageError(f"no relation {relation!r}: need one of heading, {', '.join(SOURCES)}")
     if wrong := [name for name in given if name not in names]:
-        raise UsageError(f"{' and '.join(wrong)} of a {relation}: need {', '.join(names)}")
+        raise UsageError(f"a {relation} has no {' and no '.join(wrong)}: need {', '.join(names)}")
     values = {
         name: UnitValue.of(QUANTITIES[name][0], value, name) if isinstance(value, str) else value
         for name, value in given.items()

@@ -42,10 +42,10 @@ MIN_OFFSET_SHARE: Final = 0.2
 """Smallest offset, in units of the field, whose removal can be recognised; soft iron causes smaller ones."""
 
 MAX_CENTRE_SHARE: Final = 0.5
-"""Largest centre of a turn with a calibration loaded, in units of the field, that soft iron can cause."""
+"""Largest distance of a turn's centre from zero that soft iron can cause with a calibration loaded, over the field."""
 
 MAX_SCALE_RATIO: Final = 3.0
-"""Largest ratio of expected and read amplitude; beyond it the unit or the loaded calibration is another one."""
+"""Largest ratio of expected and read amplitude; beyond it the unit or the loaded calibration is wrong."""
 
 UNKNOWN_ANGLE_DEG: Final = 180.0
 """Heading error of an unknown heading."""

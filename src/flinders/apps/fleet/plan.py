@@ -217,8 +217,8 @@ def _refuse_other_input(where: str, earlier: ReadFiles, files: Sequence[StoredFi
     """Refuse to extend a table from an input without any of the files that it was made from."""
     if not any(file.name in earlier.files for file in files) and (known := earlier.recordings):
         raise UsageError(
-            f"{where}: none of the {count_text(len(known), 'file')} that the table was made from is there, such as "
-            f"{min(known)}: give the same input, with its new files, or name another table"
+            f"{where}: none of the {count_text(len(known), 'file')} of the table, such as {min(known)}, is in the "
+            f"input: give the same input, with its new files, or name another table"
         )
 
 
@@ -284,7 +284,7 @@ def _in_threads(function: Callable[[Item], Answer], items: Iterable[Item]) -> It
 def key_of(name: str) -> tuple[str, str]:
     """Unit and recording of a log file, from its path: the first folder is the unit, else the file itself.
 
-    A folder that names the hardware batch is skipped. In a folder for null, the unit is the empty text.
+    A folder that names the hardware batch is skipped. A folder that stands for null (Hive) gives an empty unit.
 
     >>> key_of("A17/2026/monday.bin"), key_of("unit=A17/monday.csv"), key_of("A17.csv.gz")
     (('A17', '2026/monday.bin'), ('A17', 'monday.csv'), ('A17', 'A17.csv.gz'))

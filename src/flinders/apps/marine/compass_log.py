@@ -273,7 +273,7 @@ def _reference(series: _Series, compass: _Stream, wanted: Reference, name: str) 
 
 
 def _is_derived(heading: _Stream, compass: _Stream) -> bool:
-    """Whether a true heading was calculated from the compass: it differs by a constant from the nearest heading."""
+    """Whether a true heading was computed from the compass: their difference at neighbouring times is constant."""
     after = np.searchsorted(compass.time, heading.time, "right").clip(1, len(compass.time) - 1)
     return (
         min(_scatter_deg(heading.value - compass.value[place]) for place in (after - 1, after))

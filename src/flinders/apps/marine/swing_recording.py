@@ -67,7 +67,7 @@ class SwingRecording:
             if is_calibrated:
                 raise
             raise NoAccelerometer(
-                f"{stream.recording.source} is no table of headings, and a recording without an accelerometer: {NEED}; "
+                f"{stream.recording.source} is no table of headings, and has no accelerometer: {NEED}; "
                 "or a recording with an accelerometer, or of a sensor that never tilts",
                 hint=error.hint,
             ) from None

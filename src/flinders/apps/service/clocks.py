@@ -99,7 +99,7 @@ class MachineClock:
         return moved
 
     def remarks(self) -> list[str]:
-        """What has happened to the clock since this was last asked."""
+        """Events of the clock since the last call."""
         found, self._remarks = self._remarks, []
         return found
 
@@ -138,6 +138,6 @@ class RecordedClock:
         return moved
 
     def remarks(self) -> list[str]:
-        """What has happened to the clock since this was last asked."""
+        """Events of the clock since the last call."""
         found, self._remarks = self._remarks, []
         return found

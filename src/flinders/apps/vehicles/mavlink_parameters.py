@@ -335,7 +335,7 @@ def _settable_parameter(vehicle: Vehicle, name: str, value: float) -> Parameter:
     if old.kind in KINDS and not _fits(value, old.kind):
         raise NotSent(
             f"{vehicle.name} keeps {name} as a whole number (MAV_PARAM_TYPE {old.kind}), which cannot hold "
-            f"{_float32_text(value)}, nothing was changed: its firmware is unknown; set the values by "
+            f"{_float32_text(value)}: its firmware is unknown; nothing was changed. Set the values by "
             "hand (flinders export)"
         )
     return old
@@ -386,8 +386,8 @@ def _find_compass(vehicle: Vehicle, wanted: int) -> int:
                 return compass
     listed = ", ".join(f"{compass}: {device or 'none'}" for compass, device in device_ids.items())
     raise NotSent(
-        f"{vehicle.name} has no compass with device id {wanted} ({listed}), nothing was changed: the calibration is "
-        "for another vehicle or compass; say --device-id, or calibrate this one"
+        f"{vehicle.name} has no compass with device id {wanted} ({listed}); nothing was changed. The calibration is "
+        "for another vehicle or compass; give --device-id, or calibrate this compass"
     )
 
 
@@ -395,15 +395,15 @@ def _refuse_another(vehicle: Vehicle, compass: int, present: int, wanted: int | 
     """Refuse a compass whose device id is not the wanted one; return a note if no id was given."""
     if present == 0:
         raise NotSent(
-            f"{vehicle.name} has no compass {compass} ({_identity(vehicle.autopilot, compass)[0]} is 0), nothing was "
-            "changed: say another --compass, or start the vehicle with it connected"
+            f"{vehicle.name} has no compass {compass} ({_identity(vehicle.autopilot, compass)[0]} is 0); nothing was "
+            "changed. Choose another --compass, or start the vehicle with the compass connected"
         )
     if wanted is None:
         return (f"the calibration names no device id: compass {compass} of the vehicle has {present}",)
     if wanted != present:
         raise NotSent(
-            f"compass {compass} of {vehicle.name} has device id {present}, and the calibration is for {wanted}, "
-            "nothing was changed: say another --compass, or --device-id where the compass was replaced on purpose"
+            f"compass {compass} of {vehicle.name} has device id {present}, and the calibration is for {wanted}; "
+            "nothing was changed. Choose another --compass, or give --device-id if the compass was replaced on purpose"
         )
     return ()
 

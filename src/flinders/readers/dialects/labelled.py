@@ -277,7 +277,7 @@ def _is_read_with(kind: Kind, closing: Kind) -> bool:
 
 
 def _line_by_line(closing: Kind, counts: Counter[Kind], printed: Sequence[_Printed]) -> Labelled:
-    """Row layout with the numbers of alternating magnetometers first; the last of them ends a reading."""
+    """Layout of rows from lines of several magnetometers in turn, whose numbers come first; the last one ends a row."""
     others = [kind for kind in counts if kind != closing and counts[kind] >= MIN_AUXILIARY_SHARE * counts[closing]]
     read = [kind for kind in counts if kind == closing or (kind in others and _is_read_with(kind, closing))]
     turns = [kind for kind in read if kind == closing or (magnetometers(kind) and counts[kind] >= counts[closing] - 1)]

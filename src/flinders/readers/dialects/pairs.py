@@ -66,7 +66,7 @@ def recognise(lines: list[str]) -> Pairs | None:
 
 
 def _pairs(line: str, delimiter: str) -> tuple[str, dict[str, str]]:
-    """Words of a line without a value, and names with the number in the next cell."""
+    """Split a line into the text of cells that name no number, and numbers by the name in the cell before."""
     cells = [cell.strip() for cell in line.split(delimiter)]
     both = (each for each in pairwise(cells) if NAME.fullmatch(each[0]) and each[1])
     values = {

@@ -33,7 +33,7 @@ class SimulatedFleet(program.Group):
     )  # fmt: skip
     bad: float = program.member(
         "--bad", type=program.number_within(0, 1, "a share from 0 to 1", zero=True), default=0.1, show_default=True,
-        metavar="SHARE", help="Units with a fault when they are first recorded.",
+        metavar="SHARE", help="Share of units with a fault from their first recording on.",
     )  # fmt: skip
     drifting: float = program.member(
         "--drifting", type=program.number_within(0, 1, "a share from 0 to 1", zero=True), default=0.1,

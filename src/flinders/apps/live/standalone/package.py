@@ -100,7 +100,7 @@ def _refuse_others(folder: Path, *, force: bool) -> None:
         raise OutputError(f"{folder}: cannot be read: {reason_and_remedy(error)}") from None
     if not is_free and not _is_page(folder / DATA):
         raise OutputError(
-            f"{folder} has other files: give a folder of its own, or write it among them", hint={"force": True}
+            f"{folder} has other files: name an empty folder, or add the page to this one", hint={"force": True}
         )
 
 

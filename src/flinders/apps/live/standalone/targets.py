@@ -220,7 +220,7 @@ def _packet(content: bytes, calibration: Calibration, slots: _Slots) -> dict[str
 
 
 def _limit(limit: Limit, slots: _Slots) -> dict[str, Any]:
-    """Range of a parameter of a target; several slots are the components of a length."""
+    """Allowed range of a target's parameter; with several slots, the range of the length of their vector."""
     common = {"over": limit.unit, "sign": 1, "format": "general"}
     places = [slots.place({"of": limit.quantity, "at": at, **common}) for at in limit.places]
     return {"name": limit.name, "slots": places, "low": limit.low, "high": limit.high}

@@ -100,7 +100,7 @@ class Station:
 
     @property
     def state(self) -> StationState:
-        """What the page shows."""
+        """State of the station, as the page shows it."""
         is_testing = self.phase in {"testing", "judging"}
         return StationState(
             phase=self.phase,

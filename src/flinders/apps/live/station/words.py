@@ -43,7 +43,7 @@ LIMITS: Final = {
     "noise": LimitWords("noise", "Keep phones, tools and cables away, and test it again; else replace the sensor."),
     "coverage-share": LimitWords("share of directions", "Make all turns, each to its end."),
 }
-"""Limits of a station's file."""
+"""Name and remedy of each limit of a station's plan, by its code."""
 
 EVENTS: Final = {
     "sensor-gone": ("The sensor was lost during the test.", f"Check its cable. {REPEAT}"),
@@ -59,7 +59,7 @@ EVENTS: Final = {
         "Ask whoever wrote the station's file to state the unit of limits and readings.",
     ),
 }
-"""Reason and remedy of other misses, by code."""
+"""Reason and remedy of tests that ended without a result, by code."""
 
 
 def miss_words(miss: Miss, outcome: Fit | FlindersError | None) -> tuple[str, str]:

@@ -176,7 +176,7 @@ class Watch(program.Group):
     )
     every: float = program.member(
         "--every", type=program.positive, default=60.0, show_default=True, metavar="S",
-        help="Period of writing files, and the state with --json, s.", heading=program.OUTPUT,
+        help="Interval in s at which files are written, and the state is printed with --json.", heading=program.OUTPUT,
     )  # fmt: skip
     adopted: str | None = program.member(
         "--adopted", metavar="FILE|FOLDER", help="File or folder for each calibration that comes into force.",

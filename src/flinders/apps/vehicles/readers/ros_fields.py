@@ -1,9 +1,9 @@
 """Numbers in any message of a ROS recording, by topic and path of a field.
 
 ``/battery.current`` is ``current`` of ``sensor_msgs/BatteryState``; ``/odom.twist.twist.linear.x`` the speed of a
-``nav_msgs/Odometry``; ``/servos.data[2]`` one of several numbers. Of ``sensor_msgs/JointState``, whose joints have
-names, it is ``/joint_states.wheel_left.velocity``; ``position`` and ``effort`` likewise. Names of joints may have
-points, names of topics have none. A joint's name takes precedence over a path.
+``nav_msgs/Odometry``; ``/servos.data[2]`` one of several numbers. A joint of
+``sensor_msgs/JointState`` has a name: ``/joint_states.wheel_left.velocity``, likewise ``position`` and ``effort``.
+Names of joints may have points, names of topics have none. A joint's name takes precedence over a path.
 
 Times are those of the headers, else of recording, as for magnetometers.
 

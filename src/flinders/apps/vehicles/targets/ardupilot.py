@@ -165,8 +165,8 @@ class ArduPilotParameters(CompassParameters):
         if not 0 < scale < np.inf:
             name = f"COMPASS_SCALE{_digit(compass)}"
             raise NotExportable(
-                f"COMPASS_SCALE would be {figures(scale, 4)}, and needs to be positive: the calibration turns an axis "
-                "round; map the axes of the recording instead",
+                f"COMPASS_SCALE would be {figures(scale, 4)}, and needs to be positive: an axis is reversed; "
+                "map the axes of the recording instead",
                 beyond=(name,),
                 wanted={name: scale},
             )

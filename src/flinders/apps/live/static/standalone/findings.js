@@ -189,7 +189,7 @@ const WORDS = {
     why_large: ({ next_step: [name] }, { reasons }) => reasons[name],
     because: causeWords,
     length: ({ corrected_length: strength, unit }) => `${figures(strength, 4)} ${unit}`,
-    rings: ({ unobserved }) => (unobserved === 1 ? ", as two rings of readings would" : ""),
+    rings: ({ unobserved }) => (unobserved === 1 ? ", as for two rings of readings" : ""),
     where_flat: whereFlat,
     plane_axes: ({ plane }) => [...plane].join(" and "),
     where_placed: ({ is_placed: isPlaced }) => (isPlaced ? "and in z by the site's field" : "only"),
