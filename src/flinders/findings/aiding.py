@@ -43,7 +43,6 @@ ROWS: Final = (
             "The recorded turning rate does not agree with the compass, unless it is in another unit. The rate was not "
             "used."
         ),
-        plain="The recorded turning rate contradicts the compass, unless it is in another unit. It was not used.",
         remedy="Record the turning rate in radians a second.",
     ),
     CatalogueRow(
