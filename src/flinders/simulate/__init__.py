@@ -22,7 +22,7 @@ Motions:
 ============== =============================================== ============ ====
 ``hand``       tumbled by hand for a minute, smooth in time    acceleration rate
 ``eight``      waved in figures of eight for a minute          acceleration rate
-``uniform_directions``    all directions equally: the best possible
+``uniform``    all directions equally: the best possible
 ``tilted``     all headings, tilted by up to 35°: a vehicle    acceleration
 ``level``      all headings, level: not enough for a 3-D fit   acceleration
 ``drive``      bends and hills for five minutes, 6° at most    acceleration rate
@@ -33,7 +33,7 @@ Motions:
 ``sweeps``     around in the plane xy, then in yz, then in zx  acceleration rate
 ``sweep-xy``   around in one plane, and so ``-yz`` and ``-zx`` acceleration rate
 ``hemisphere`` the field never comes from above: a robot
-``clumped_directions``    held still for most of the time
+``clumped``    held still for most of the time
 ============== =============================================== ============ ====
 
 All parts can be combined:
