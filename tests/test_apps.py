@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Final
 
 import pytest
 from tests.sentences import assert_raises
+from tests.trials import daily
 
 import flinders
 from flinders import estimators, readers, targets
@@ -96,7 +97,7 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     shutil.rmtree(folder)
 
 
-@pytest.mark.parametrize("gone", [*((app,) for app in apps()), apps()], ids="-".join)
+@pytest.mark.parametrize("gone", daily([(each,) for each in (apps(), *((app,) for app in apps()))], 3), ids="-".join)
 def test_what_is_left_works(gone: tuple[str, ...], library: Path, tmp_path: Path) -> None:
     packages = library / "flinders" / "apps"
     for app in gone:

@@ -105,7 +105,7 @@ def run(line: str) -> str:
     return "\n".join(said)
 
 
-@pytest.mark.parametrize(("line", "where"), daily(sorted(shown().items()), 4))
+@pytest.mark.parametrize(("line", "where"), daily(sorted(shown().items()), 8))
 def test_every_command_that_is_shown_runs_and_what_it_says_comes_next(
     line: str, where: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

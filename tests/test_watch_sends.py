@@ -166,7 +166,7 @@ def test_sending_is_refused_where_nothing_could_be_put_back(tmp_path: Path, monk
     for words, said in (
         ((*udp, "--send", "."), "--send goes with --mavlink"),
         ((*udp, "--send-interval", "60"), "--send-interval goes with --send"),
-        (("watch", "--mavlink", "udp:127.0.0.1:1", "--send", "nowhere"), "need a folder that exists"),
+        (("watch", "--mavlink", "udp:127.0.0.1:1", "--send", "nowhere"), "need an existing folder"),
     ):
         ended = flinders_(*words)
         assert (ended.code, said in ended.said) == (2, True), ended.err

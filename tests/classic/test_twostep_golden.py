@@ -74,7 +74,7 @@ def test_the_last_row_of_the_table_is_the_300th_of_whole_steps_that_go_round_in_
     assert costs[299] > 1.2 * min(costs)
     with pytest.raises(Collapsed) as caught:
         AlonsoShuster(noise=2.0, field_strength=50.0).estimate(readings)
-    assert caught.value.with_shrinkage < 0.5
+    assert caught.value.gain_ratio < 0.5
     assert (caught.value.exit_code, caught.value.code) == (4, "collapsed")
 
 

@@ -545,7 +545,7 @@ def test_apply_replaces_the_columns_by_what_the_calibration_gives(calibration: C
     assert lines[0] == "mx_uT,my_uT,mz_uT"
     wanted = calibration.apply(flinders.read("tumble.csv").field)
     assert lines[1:] == [",".join(f"{value:.9g}" for value in row) for row in wanted]
-    assert "600 readings; corrected" in ended.err
+    assert "tumble.csv: 600 readings;" in ended.err
 
 
 def test_apply_adds_columns(calibration: Calibration) -> None:
@@ -750,7 +750,7 @@ def test_apply_follows_a_sensor_that_is_still_running(calibration: Calibration, 
         npt.assert_allclose(np.loadtxt(lines, delimiter=","), calibration.apply(part.round(4)), rtol=1e-8)
     _, err = process.communicate(timeout=60)
     assert process.returncode == 3  # these readings do not suit it
-    assert "120 readings; corrected" in err.decode()
+    assert "standard input: 120 readings;" in err.decode()
     assert list(scratch.iterdir()) == []
 
 
@@ -765,7 +765,7 @@ def test_appending_to_the_recording_itself_is_refused(calibration: Calibration) 
         words = ["apply", "calibration.json", "tumble.csv"]
         done = subprocess.run([*PROGRAM, *words], check=False, stdout=file, stderr=subprocess.PIPE)
     assert done.returncode == 2
-    assert b"would be written over" in done.stderr
+    assert b"would be overwritten" in done.stderr
     assert Path("tumble.csv").read_bytes() == before
 
 

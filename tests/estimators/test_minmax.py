@@ -344,7 +344,7 @@ def test_minmax_prints_the_cars_table_and_writes_a_file(tmp_path: Path) -> None:
     npt.assert_allclose(flinders.Calibration.load(path).offset, [-29.5, 0.5, -4.0])
     piped = calibrate("--minmax", ",".join(map(str, CAR)), "-o", "-")
     assert json.loads(piped.stdout)["calibration"]["offset"] == [-29.5, 0.5, -4.0]
-    assert "accuracy not known" in piped.stderr
+    assert "[scale-unknown]" in piped.stderr
 
 
 def test_minmax_as_json_has_the_keys_of_a_fit() -> None:

@@ -424,14 +424,14 @@ def test_misuse_is_said_in_a_line(logs: Path, tmp_path: Path) -> None:
         ([str(tmp_path / "nothing")], 5, "cannot be listed"),
         ([str(logs), "--workers", "1", "--scheduler", "tcp://127.0.0.1:1"], 2, "leave one of them out"),
         ([str(logs), "--unit", "furlong"], 2, "unit 'furlong' is not known: use one of uT"),
-        ([str(logs), "--unit", "mG", "--scale", "0.1"], 2, "mG has a scale of its own"),
+        ([str(logs), "--unit", "mG", "--scale", "0.1"], 2, "mG has a fixed scale"),
         ([str(logs), "--axes", "x,x,z"], 2, "need x, y and z once each"),
         ([str(logs), "--columns", "mx,my"], 2, "need three different ones"),
         ([str(logs), "--target", "0"], 2, "need degrees above 0, up to 180"),
         ([str(logs), "--dip", "91"], 2, "need degrees from -89 to 89"),
         ([str(logs), "--scale", "-1"], 2, "need a number above 0"),
-        ([str(logs), "--report", str(out)], 2, "needs a name of its own"),
-        ([str(logs), "--report", f"{out.parent}/./{out.name}"], 2, "needs a name of its own"),
+        ([str(logs), "--report", str(out)], 2, "have the same name"),
+        ([str(logs), "--report", f"{out.parent}/./{out.name}"], 2, "have the same name"),
         ([str(logs), "--output", str(tmp_path / "table.txt")], 2, "give it a name that ends in .parquet or .csv"),
     ):
         ended = CliRunner().invoke(main, ["fleet", "--output", str(out), *words, "--force"], prog_name="flinders")

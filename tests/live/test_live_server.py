@@ -380,7 +380,7 @@ def test_what_was_left_behind_stays_so_and_a_page_that_did_not_know_is_told(benc
 def test_readings_that_have_not_come_cannot_be_left_behind(wall: Bench) -> None:
     with wall.page() as socket:
         socket.send_text(encode(Edits(begun_s=1e9)))
-        assert "begun anew at 1e+09 s" in received(socket, "notice")["words"]
+        assert "restart at 1e+09 s" in received(socket, "notice")["words"]
     assert wall.hub.generation == 1
     assert wall.hub.edits == Edits()
 
@@ -1149,7 +1149,7 @@ def test_an_upload_that_stalls_is_dropped(listener: int, monkeypatch: pytest.Mon
         while part := upload.recv(4096):
             answer += part
     assert answer.startswith(b"HTTP/1.1 408")
-    assert b"a.csv stopped coming" in answer
+    assert b"no data of a.csv" in answer
 
 
 def test_files_on_their_way_share_the_limit_of_one(listener: int, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -48,7 +48,7 @@ def next_words(ended: Ended) -> list[str]:
     return words
 
 
-@pytest.mark.parametrize("shape", SHAPES, ids=IDS)
+@pytest.mark.parametrize("shape", daily(SHAPES, 4), ids=IDS)
 def test_the_next_command_after_a_recording_has_nothing_to_fill_in(
     shape: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:

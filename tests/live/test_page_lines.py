@@ -237,7 +237,7 @@ def by_page() -> dict[str, Any]:
     return {name: (file, wire) for name, file, wire in zip(CASES, done["files"], done["wires"], strict=True)}
 
 
-@pytest.mark.parametrize("name", [name for name in CASES if name not in UNREAD])
+@pytest.mark.parametrize("name", daily([name for name in CASES if name not in UNREAD], 3))
 def test_a_dropped_text_gives_the_numbers_of_the_library(name: str, by_page: dict[str, Any], tmp_path: Path) -> None:
     """Or both refuse it."""
     path, found = tmp_path / "print.txt", by_page[name][0]

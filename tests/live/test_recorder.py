@@ -288,8 +288,8 @@ def test_a_full_disk_leaves_no_half_line() -> None:
     code = (
         "import resource, sys; sys.dont_write_bytecode = True\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000))\n"
-        "from flinders.links.recorder import ToFile\n"
-        "with ToFile('out.csv') as sink:\n"
+        "from flinders.links.recorder import FileSink\n"
+        "with FileSink('out.csv') as sink:\n"
         "    for n in range(1000): sink.write(f'{n},217,4,-586\\n')\n"
     )
     assert resource.RLIMIT_FSIZE

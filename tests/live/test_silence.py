@@ -47,6 +47,6 @@ def test_the_page_without_a_program_leaves_out_the_same(word: float, tmp_path: P
     page = run(PROGRAM, given | {"pieces": [f"{line}\n" for line in content.decode().splitlines()]})
     assert page["field"] == flinders.read(path).field.ravel().tolist()
     said = f"400 readings are {word:.0f}, {word:.0f}, {word:.0f}"
-    assert said in page["words"]
+    assert f"{said}: the sensor did not answer" in page["words"]
     assert page["arrived"] == GOOD
     assert page["silence"].startswith(said)

@@ -48,10 +48,10 @@ def path(tmp_path: Path) -> Path:
 
 
 REFUSED = {
-    "acceleration by label": ([f"Accel {axes(row)}" for row in GRAVITY], "tell of acceleration and of no magnetometer"),
-    "acceleration by unit": ([f"{axes(row)} m/s^2" for row in GRAVITY], "tell of acceleration and of no magnetometer"),
-    "orientation": ([f"Orientation {axes(row)}" for row in GRAVITY], "of no magnetometer"),
-    "angles": (["Yaw: {:.1f} Pitch: {:.1f} Roll: {:.1f}".format(*row) for row in GRAVITY], "of no magnetometer"),
+    "acceleration by label": ([f"Accel {axes(row)}" for row in GRAVITY], "acceleration and no magnetometer"),
+    "acceleration by unit": ([f"{axes(row)} m/s^2" for row in GRAVITY], "acceleration and no magnetometer"),
+    "orientation": ([f"Orientation {axes(row)}" for row in GRAVITY], "and no magnetometer"),
+    "angles": (["Yaw: {:.1f} Pitch: {:.1f} Roll: {:.1f}".format(*row) for row in GRAVITY], "and no magnetometer"),
     "places": (["Lat: {:.5f} Lon: {:.5f} Alt: {:.1f}".format(*row) for row in GRAVITY], "columns="),
     "offsets": (["Hard iron offset: {:.2f} {:.2f} {:.2f}".format(*row) for row in FIELD], "no readings|columns="),
     "sensors in turn": (
@@ -68,13 +68,13 @@ REFUSED = {
     ),
     "a label of more than three": (
         [f"MAG, {100 * n}, 0, " + ", ".join(map(str, row)) for n, row in enumerate(FIELD.tolist())],
-        "may be it, .*columns='4,5,6'",
+        "may be the magnetometer.*columns='4,5,6'",
     ),
     "signs behind letters": ([axes(row).replace(": ", "") for row in FIELD], "no readings are recognised"),
     "angles behind a label": (["ypr\t{:.2f}\t{:.2f}\t{:.2f}".format(*row) for row in FIELD], "columns="),
-    "angles in a tuple": ([f"Heading: {tuple(row)}" for row in FIELD.tolist()], "of no magnetometer"),
+    "angles in a tuple": ([f"Heading: {tuple(row)}" for row in FIELD.tolist()], "and no magnetometer"),
     "acceleration of the world": (["aworld {:.0f} {:.0f} {:.0f}".format(*row) for row in FIELD], "columns='2,3,4'"),
-    "positions": ([f"pos {axes(row)}" for row in FIELD], "of no magnetometer"),
+    "positions": ([f"pos {axes(row)}" for row in FIELD], "and no magnetometer"),
     "a quaternion with names": (
         ["w,x,y,z", *("{:.4f},{:.4f},{:.4f},{:.4f}".format(*row) for row in QUATERNIONS)],
         "w, x, y, z .a quaternion",

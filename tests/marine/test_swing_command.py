@@ -125,7 +125,7 @@ def test_a_swing_from_a_recording_finds_the_iron_that_is_left(home: Path) -> Non
     alone = flinders_("swing", "calibration.json", "iron.csv")
     assert alone.code == 4
     assert "FAILS" in alone.out
-    assert "hard iron is left (B +2." in " ".join(alone.out.split())
+    assert "hard iron remains (B +2." in " ".join(alone.out.split())
     assert flinders_("swing", "calibration.json", "iron.csv", "--target", "6").code == 0
     json_told = flinders_("swing", "calibration.json", "iron.csv", "--json").json
     assert json_told["hard_iron_deg"]["B"] == pytest.approx(2.29, abs=0.2)

@@ -129,7 +129,7 @@ def test_what_is_odd_is_said(field: Floats, tmp_path: Path) -> None:
         ("stale", stale, "67% of the readings repeat the one before"),
         ("stuck", stuck, "z never changes"),
         ("clipped", clipped, "the sensor was at its limit"),
-        ("strong", 9 * stale, "no strength of the earth's field here"),
+        ("strong", 9 * stale, "has another strength"),
     ):
         np.save(tmp_path / f"{name}.npy", readings)
         ended = CliRunner().invoke(main, ["info", str(tmp_path / f"{name}.npy"), "--unit", "uT"])

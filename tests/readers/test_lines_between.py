@@ -250,7 +250,7 @@ KNOWN = {
             "DATE TIME DOY ABKH ABKD ABKZ ABKF |",
         ]
         + ["2026-01-01 00:00:00.000 001     11123.20    312.20  52000.10  53000.20"] * 5,
-        "D is an angle",
+        "with D as an angle",
     ),
 }
 

@@ -147,13 +147,13 @@ REFUSED: dict[str, tuple[bytes, type[InputError], str]] = {
         UnreadableInput,
         "3 of 4 lines of odd.csv are not readings: the first is line 2 ('first bad'), the last line 4 ('last bad')",
     ),
-    "JSON cut short": (b"[[1,2,3],[4,5", UnreadableInput, "begins like JSON and is not"),
+    "JSON cut short": (b"[[1,2,3],[4,5", UnreadableInput, "starts like JSON"),
     "JSON without records": (b"[]", UnreadableInput, "an empty list"),
     "JSON that is one object": (b'{"mag":\n [[1,2,3]]}', UnreadableInput, "one object"),
     "a calibration file": (
         b'{\n  "flinders": "calibration",\n  "schema": 1\n}\n',
         UnreadableInput,
-        "odd.csv is a calibration file of Flinders and not a recording",
+        "a calibration file of Flinders",
     ),
     "a calibration file in one line": (
         b'{"flinders": "calibration", "schema": 1, "calibration": {}}',

@@ -32,11 +32,11 @@ READ: Final = {
 }  # fmt: skip
 """The lines of a reading, and their unit."""
 REFUSED: Final = {
-    "Euler angles": ("Yaw: {heading:.2f} Pitch: {pitch:.2f} Roll: {roll:.2f}", "tell of Yaw, Pitch, Roll and of no"),
-    "acceleration": ("aX: {ax:.2f} aY: {ay:.2f} aZ: {az:.2f}", "tell of acceleration and of no magnetometer"),
+    "Euler angles": ("Yaw: {heading:.2f} Pitch: {pitch:.2f} Roll: {roll:.2f}", "Yaw, Pitch, Roll and no"),
+    "acceleration": ("aX: {ax:.2f} aY: {ay:.2f} aZ: {az:.2f}", "acceleration and no magnetometer"),
     "many numbers without labels": (
         "{ax:.2f},{ay:.2f},{az:.2f},{gx:.2f},{gy:.2f},{gz:.2f},{mx:.2f},{my:.2f},{mz:.2f}",
-        "may be it, others are 1, 2, 3 (gravity in m/s²)",
+        "others: 1, 2, 3 (gravity in m/s²)",
     ),
     "an index between name and value": (
         "channel type=8(magn_x) index=0 shift=1 num_samples=1 value={t}ns ({mx:.6f})", "or how a line is printed"

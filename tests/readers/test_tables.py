@@ -102,7 +102,7 @@ def test_a_date_or_time_of_day_is_the_time_over_midnight_too(name: str) -> None:
 )
 def test_the_whole_column_tells_the_day_from_the_month(form: str, begun: str) -> None:
     path = written(f"{{when:{form}}},{{body}}", "time,mx,my,mz")
-    assert f"begun {begun}" in said("info", str(path))
+    assert f"start {begun}" in said("info", str(path))
 
 
 def test_the_last_lines_of_a_long_file_tell_the_day_from_the_month() -> None:
@@ -116,7 +116,7 @@ def test_the_last_lines_of_a_long_file_tell_the_day_from_the_month() -> None:
 
 def test_a_stamp_before_a_line_is_read_as_a_cell_is() -> None:
     path = written("{when:%m/%d/%Y %I:%M:%S.%f %p} -> X: {x} Y: {y} Z: {z}")
-    assert "begun 2026-03-04 23:59:55 UTC" in said("info", str(path))
+    assert "start 2026-03-04 23:59:55 UTC" in said("info", str(path))
 
 
 def test_a_number_behind_a_time_of_day_and_a_comma_is_no_fraction_of_it() -> None:

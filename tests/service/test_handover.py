@@ -76,7 +76,7 @@ class Desk:
     """A board, a calibration, and what hands it over."""
 
     def __init__(self, online: OnlineCalibration, folder: Path, **more: Any) -> None:
-        self.make_online, self.folder, self.clock = online, folder, Clock()
+        self.online, self.folder, self.clock = online, folder, Clock()
         self.board = Board(Calibration.identity(field_strength=50.0), **more)
         self.handover = self.anew()
 
@@ -85,7 +85,7 @@ class Desk:
 
     def look(self, after: float = CHECK_PERIOD_S) -> tuple[str, str] | None:
         self.clock.now += after
-        return self.handover.send_if_due(self.make_online, self.make_online.time_s)
+        return self.handover.send_if_due(self.online, self.online.time_s)
 
 
 def test_what_is_better_is_sent_once_and_what_was_before_is_kept(online: OnlineCalibration, tmp_path: Path) -> None:

@@ -246,7 +246,7 @@ def test_what_was_killed_goes_on_from_the_last_save() -> None:
     again = program("-", "--state", "compass.state", "--status", "again.json", "--json")
     out, err = again.communicate(text, timeout=120)
     assert again.returncode == 0, err
-    assert "compass.state: goes on" in err
+    assert "compass.state: continues" in err
     lines = lines_of(out)
     assert [line["event"] for line in lines].count("known") == 1  # what was taken before is left out
     events = [line for line in lines if line["kind"] == "event"]

@@ -69,7 +69,7 @@ def test_without_a_name_it_goes_to_standard_output() -> None:
     ended = run("import", "sensor.txt")
     assert ended.exit_code == 0
     assert json.loads(ended.stdout)["calibration"]["field_strength_known"] is False
-    assert "is a convention" in ended.stderr
+    assert "is a nominal value" in ended.stderr
 
 
 def test_json_tells_what_was_found() -> None:

@@ -58,7 +58,7 @@ def test_a_target_that_holds_all_is_offered_none(whole: Fit) -> None:
 
 def test_the_file_states_what_the_target_holds_and_not_the_whole(whole: Fit) -> None:
     text = " ".join(flinders.export(whole, "betaflight", lossy=True).text.replace("\n#", " ").split())
-    stated = re.search(r"with what Betaflight holds of it headings are good to ([\d.]+) deg", text)
+    stated = re.search(r"with the parameters that Betaflight holds, headings are good to ([\d.]+) deg", text)
     assert stated is not None
     assert f"headings good to {whole.heading_error_deg.worst:.2g}" not in text
     trial = find("betaflight").try_formula(whole.calibration, asked=ExportOptions(lossy=True))

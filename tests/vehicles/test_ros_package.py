@@ -151,4 +151,4 @@ def test_the_node_publishes_what_the_library_knows(
     assert (values["verdict"], float(values["target_deg"])) == ("good", 2.0)
     node.save()
     again = node_module.Calibrator()
-    assert again.make_online.state.verdict == "good"
+    assert again.online.state.verdict == "good"

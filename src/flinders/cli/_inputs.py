@@ -277,9 +277,9 @@ def refuse_others(paths: Iterable[str]) -> None:
     for path in paths:
         other = other_contents(path)
         if other is not None and not other.is_one_recording:
-            raise UsageError(other.instead)
+            raise UsageError(other.advice)
         if other is not None:
-            say(other.instead)
+            say(other.advice)
 
 
 def is_recording(path: str) -> bool:

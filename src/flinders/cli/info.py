@@ -73,7 +73,7 @@ def command(options: Info) -> None:
         raise UsageError(f"grid north needs a place, and {options.log} states none: give --at LAT,LON")
     print_result(held.as_dict, lambda: page_of_contents(held, grid=options.grid), as_json=options.as_json)
     if other is not None:
-        say(other.instead)
+        say(other.advice)
 
 
 def _words(name: str, value: object) -> list[str]:

@@ -90,7 +90,7 @@ class Calibration(Value):
     ------
     ArrayError
         For a wrong shape, values that are not finite, a singular matrix, or a matrix that is not symmetric
-        although `rotation` is ``check_symmetric``.
+        although `rotation` is ``symmetric``.
     UsageError
         For a field strength that is not a positive number, or a value of `rotation` that is not known.
     """
@@ -100,7 +100,7 @@ class Calibration(Value):
     field_strength: float  #: in `unit`: length of corrected readings
     #: whether the field strength was given; otherwise it follows from a matrix of determinant 1
     field_strength_known: bool = False
-    #: an ellipsoid determines the matrix only up to a rotation on the left. ``check_symmetric``: the symmetric matrix,
+    #: an ellipsoid determines the matrix only up to a rotation on the left. ``symmetric``: the symmetric matrix,
     #: by convention; ``estimated``: the fit determined the rotation; ``composed``: a product or inverse.
     rotation: Rotation = "symmetric"
     raw: Unit = UNKNOWN_UNIT  #: the unit the recording was written in; ``raw.inside`` is the unit of the calibration
@@ -217,7 +217,7 @@ class Calibration(Value):
 
     @property
     def is_affine(self) -> bool:
-        """Whether the calibration has only `check_matrix` and `offset`: no disturbance, no linearization."""
+        """Whether the calibration has only `matrix` and `offset`: no disturbance, no linearization."""
         return not self.disturbances and self.linearization is None
 
     @property

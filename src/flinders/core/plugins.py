@@ -72,7 +72,7 @@ class OtherContents(Protocol):
 
     kind: str  # kind of content, in words
     is_one_recording: bool  # whether it can also be read as one recording
-    instead: str  # for messages: kind of content, and the command to use instead
+    advice: str  # for messages: kind of content, and the command to use instead
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready fields."""

@@ -299,7 +299,8 @@ class Samples:
         """(N,) values of a recorded disturbance, or words of a column of states; None if it was not recorded.
 
         >>> flown = Samples.of([[1, 2, 3]], current=[9.0], currents=[[4.0, 5.0]])
-        >>> flown.disturbance_values("current"), flown.disturbance_values("current2"), flown.disturbance_values("current3")
+        >>> values = flown.disturbance_values
+        >>> values("current"), values("current2"), values("current3")
         (array([9.]), array([5.]), None)
         """
         kind, number = kind_and_motor(name)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def check_invertible(values: ArrayLike, rotation: Rotation) -> Floats:
-    """Check that a matrix has an inverse, and that it is symmetric if `rotation` is ``check_symmetric``."""
+    """Check that a matrix has an inverse, and that it is symmetric if `rotation` is ``symmetric``."""
     array = check_matrix(values)
     if rotation == "symmetric":
         check_symmetric(

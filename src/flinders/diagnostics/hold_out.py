@@ -82,7 +82,7 @@ def fit_folds(samples: Samples, terms: tuple[str, ...], rotation: Floats | None,
 
 
 def hold_out_misfit(samples: Samples, fits: list[Parameters], vertical: str | None) -> HoldOutMisfit:
-    """Errors of readings against the parameters that were `fit_folds` without them.
+    """Errors of readings against the parameters that `fit_folds` found without them.
 
     `vertical` is ``dip`` or ``tilt``, the source of the verticals for the dip; None for no dip.
 

@@ -11,8 +11,8 @@ Values that the file does not state are NaN, None or empty. Methods that need re
 Fit(good, likelihood, heading error 0.059° rms, 0.066° worst, noise 0.498 µT, 2,922 readings)
 >>> loaded.evidence.coverage.counts
 Traceback (most recent call last):
-flinders.errors.NeedsRecording: the calibration file contains no readings, and the directions of the readings are needed: \
-give the recording too, as in flinders report CALIBRATION RECORDING, or fit it again
+flinders.errors.NeedsRecording: the calibration file contains no readings, and the directions of the readings are \
+needed: give the recording too, as in flinders report CALIBRATION RECORDING, or fit it again
 """
 
 from __future__ import annotations

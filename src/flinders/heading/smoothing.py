@@ -140,7 +140,8 @@ class Filter:
         fine steps, and a little lower for coarse ones. The result is no circle; the share is half of its width along
         the axes, up to (w − 1)θ/2 = 90°.
 
-        >>> round(Filter("moving-average", 9).remaining_share(20.0), 3), round(Filter("median", 9).remaining_share(20.0), 3)
+        >>> average, median = Filter("moving-average", 9), Filter("median", 9)
+        >>> round(average.remaining_share(20.0), 3), round(median.remaining_share(20.0), 3)
         (0.64, 0.766)
         """
         angle = math.radians(angle_deg)

@@ -40,7 +40,8 @@ draws of the noise in ``tests/likelihood/test_walked.py``.
 >>> group, here = replace(ObservationGroup.of(seen), turned=turned), Parameters.at(np.zeros(3), 50.0 * np.eye(3))
 >>> layout, directions = ParameterLayout.of(), np.tile([0.6, 0.0, 0.8], (20, 1))
 >>> whole = here, directions, layout, Weights(1.0)
->>> walked = WalkStatistics.of(residual_rows(group, *whole), rotation_derivatives(group, here, directions, Weights(1.0)))
+>>> turned = rotation_derivatives(group, here, directions, Weights(1.0))
+>>> walked = WalkStatistics.of(residual_rows(group, *whole), turned)
 >>> gradient = mean_gradient(walked, group, *whole)
 >>> bool(np.all(gradient[3:6] < 0.0))                                        # the bias shrinks the shape
 True

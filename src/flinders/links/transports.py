@@ -172,7 +172,7 @@ class Udp:
         self.name = f"UDP {host} port {port}" if speaks_first else f"UDP port {port}"
         self._address, self._speaks_first = (host, port), speaks_first
         self._peers: list[tuple[str, int]] = []
-        self.record_loss = 0
+        self.lost = 0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._enlarge_buffer()
         try:
@@ -233,7 +233,7 @@ class Udp:
         content, ancillary, _, peer = self._socket.recvmsg(CHUNK_BYTES, room, NO_WAIT_FLAG)
         for level, kind, data in ancillary:
             if (level, kind) == (socket.SOL_SOCKET, SO_RXQ_OVFL) and len(data) >= COUNT_FORMAT.size:
-                self.record_loss = int(COUNT_FORMAT.unpack_from(data)[0])
+                self.lost = int(COUNT_FORMAT.unpack_from(data)[0])
         return content, peer
 
     def reopen(self) -> None:

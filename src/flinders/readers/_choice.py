@@ -38,7 +38,8 @@ class Form(NamedTuple):
 class Choice:
     """Selection of one of several magnetometers: by request, else the one that a calibration was made from.
 
-    >>> Choice("2").index_in(["mag_left", "mag_right"], "two.csv"), Choice(preferred="mag_right").index_in(["mag"], "one.csv")
+    >>> second, preferred = Choice("2"), Choice(preferred="mag_right")
+    >>> second.index_in(["mag_left", "mag_right"], "two.csv"), preferred.index_in(["mag"], "one.csv")
     (1, 0)
     >>> Choice(preferred="mag_bow").index_in(["mag_left", "mag_right"], "two.csv")
     Traceback (most recent call last):

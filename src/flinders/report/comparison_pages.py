@@ -214,9 +214,7 @@ def _words(comparison: Comparison, fresh: Fit | None, *, is_limited: bool) -> st
     if comparison.answer == "holds":
         changed = ": good enough for that, and a new calibration will be better" if is_changed else ""
         limits = ", with these limits of the recording:" if is_limited else ""
-        bound = (
-            "" if comparison.claimed_bound_deg is None else f", with 95 % within {angle(comparison.largest_deg)}"
-        )
+        bound = "" if comparison.claimed_bound_deg is None else f", with 95 % within {angle(comparison.largest_deg)}"
         within = f"headings within {angle(worst_deg)}{bound}"
         return f"{within} (target {comparison.target_deg:g}°), {explained}{changed}{limits}"
     changed = ": a new calibration will be better" if is_changed else ""

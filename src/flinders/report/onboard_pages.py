@@ -64,9 +64,7 @@ def errors_table(fit: Fit, onboard: OnboardCheck | None = None) -> Table:
     ]
     if onboard is not None:
         known = onboard.comparison
-        rows.insert(
-            1, ("on board", onboard.strength, onboard.spread, known.heading_difference_deg, known.largest_deg)
-        )
+        rows.insert(1, ("on board", onboard.strength, onboard.spread, known.heading_difference_deg, known.largest_deg))
     names = ("", "strength", "spread", "heading error, rms", "worst", "95 % within")
     shown = len(names) if onboard is not None else len(names) - 1
     *others, last = (_cells(*row, unit=unit_label(fit.calibration.unit))[:shown] for row in rows)

@@ -38,9 +38,7 @@ class Report:
     words: str | None  # the event in words
     time_s: float  # s: by the clock of the readings, from 1970 if known
     time: str | None  # the same as a date (UTC)
-    doing: (
-        Doing  # `learning` without a calibration, `undisturbed`, or `disturbed` if readings contradict the calibration
-    )
+    doing: Doing  # `learning` without a calibration, `disturbed` if readings contradict it, else `undisturbed`
     verdict: Verdict  # `good` within the target, `refused` beyond five times the target or without a calibration
     heading_error_deg: float | None  # worst heading, level, 1 σ, with the calibration in force; None without one
     bound_deg: float | None  # bound on the heading error of all headings, with a probability of 95 %

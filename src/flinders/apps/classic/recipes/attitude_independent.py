@@ -115,7 +115,7 @@ class Collapsed(NotAnEllipsoid):
     code: ClassVar[str] = "collapsed"
 
     def __init__(self, method: str, shrunk: float, why: str = "they cover too few directions for their noise") -> None:
-        self.with_shrinkage, self.eigenvalues = shrunk, (0.0, 0.0, 0.0)
+        self.gain_ratio, self.eigenvalues = shrunk, (0.0, 0.0, 0.0)
         FitError.__init__(
             self,
             f"{method!r} has no solution for these readings: its gain shrank to {shrunk:.0%} of the start, towards "

@@ -20,7 +20,7 @@ export interface SourceState {
   words: string;
 }
 
-/** The field at a place, and how the sensor is mounted in it. */
+/** Known field at a place, and the mounting of the sensor. */
 export interface Site {
   strength?: number | null;
   inclination_deg?: number | null;

@@ -38,10 +38,10 @@ class Calibrator(Node):
         self.state = self.declare_parameter("state", "").value
         target_deg = self.declare_parameter("target_deg", 1.0).value
         if self.state and os.path.exists(self.state):
-            self.make_online = OnlineCalibration.load(self.state)
+            self.online = OnlineCalibration.load(self.state)
         else:
-            self.make_online = OnlineCalibration(unit="T", target_deg=target_deg)
-        self.news = CalibrationNews(self.make_online)
+            self.online = OnlineCalibration(unit="T", target_deg=target_deg)
+        self.news = CalibrationNews(self.online)
         self.corrected = self.create_publisher(MagneticField, corrected, 10)
         self.diagnostics = self.create_publisher(DiagnosticArray, DIAGNOSTICS, 10)
         self.calibration = self.create_publisher(String, f"{corrected}{CALIBRATION}", LATCHED)
@@ -55,7 +55,7 @@ class Calibrator(Node):
         if not np.isfinite(reading).all():
             return
         time_s = stamp.sec + 1e-9 * stamp.nanosec or 1e-9 * self.get_clock().now().nanoseconds
-        for event in self.make_online.add(reading, time=[time_s]):
+        for event in self.online.add(reading, time=[time_s]):
             self.get_logger().info(str(event))
         self.publish_state()
         if (fit := self.news.fit()) is not None:
@@ -68,7 +68,7 @@ class Calibrator(Node):
 
     def publish_state(self):
         """Publish the diagnosis, and a calibration that has come into force."""
-        if (diagnosis := self.news.diagnosis(self.make_online.time_s)) is not None:
+        if (diagnosis := self.news.diagnosis(self.online.time_s)) is not None:
             values = [KeyValue(key=name, value=value) for name, value in diagnosis.values.items()]
             status = DiagnosticStatus(name=STATUS, message=diagnosis.message, hardware_id=self.topic, values=values)
             status.level = bytes([diagnosis.level])
@@ -81,7 +81,7 @@ class Calibrator(Node):
     def save(self):
         """Save the state to its file."""
         if self.state:
-            self.make_online.save(self.state)
+            self.online.save(self.state)
 
 
 def main():
