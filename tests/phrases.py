@@ -21,6 +21,7 @@ from flinders.findings.headline import CAVEAT, LEADS, REACH_NAMES, REACHES, UNST
 from flinders.findings.row import CONDITIONS, VERIFICATIONS
 from flinders.findings.words import STEPS, WHY_LARGE
 from flinders.report.fit_pages import NO_BETTER_WORDS
+from flinders.simulate.bodies import BODIES
 
 PACKAGE: Final = Path(str(files("flinders")))
 PAGE: Final = PACKAGE / "apps" / "live" / "static"
@@ -74,7 +75,7 @@ def of_page() -> dict[str, str]:
 
 
 def of_verdicts() -> dict[str, str]:
-    """Phrases of verdicts and findings."""
+    """Phrases of verdicts and findings, and descriptions of bodies."""
     reaches = {name: row[1:] for name, row in zip(REACH_NAMES, REACHES, strict=True)}
     return {
         **{f"lead.{kind}": words for kind, words in LEADS.items()},
@@ -89,6 +90,7 @@ def of_verdicts() -> dict[str, str]:
         **{f"verification.{code}": words for code, words in VERIFICATIONS.items()},
         **{f"findings.{code}.plain": row.plain for code, row in CATALOGUE.items()},
         **{f"findings.{code}.remedy": row.remedy for code, row in CATALOGUE.items() if row.remedy},
+        **{f"plan.for.{name}": body.description for name, body in BODIES.items()},
         "list.and": "and",
         "number.decimal": ".",
         "number.group": ",",

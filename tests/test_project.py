@@ -50,9 +50,12 @@ def python(*arguments: str) -> str:
 def test_version_is_the_same_everywhere() -> None:
     newest = re.search(r"^## \[(\d[^\]]*)\]", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
     cited = re.search(r"^version: (\S+)$", (ROOT / "CITATION.cff").read_text(encoding="utf-8"), re.MULTILINE)
+    recipe = (ROOT / "release" / "conda" / "recipe.yaml").read_text(encoding="utf-8")
+    packed = re.search(r"^  version: (\S+)$", recipe, re.MULTILINE)
     assert newest
     assert cited
-    versions = {newest[1], cited[1], flinders.__version__, metadata.version("flinders")}
+    assert packed
+    versions = {newest[1], cited[1], packed[1], flinders.__version__, metadata.version("flinders")}
     assert versions == {PYPROJECT["project"]["version"]}
 
 

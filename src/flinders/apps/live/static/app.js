@@ -267,7 +267,7 @@ function gravestFault({ reasons, words }) {
 }
 
 /** @param {State} state */
-function drawSource({ phase, source, readings, rejected, excluded_readings, finished, rate_hz, seconds, recording, opened }) {
+function drawSource({ phase, source, readings, rejected, excluded_readings, rate_hz, seconds, recording, opened }) {
     byId("source", HTMLElement).dataset.link = opened === null ? source.link : "ended";
     setText(byId("source-name", HTMLElement), opened ?? sourceTitle(source.name));
     const waiting = phrase("source.waiting", "waiting");
@@ -279,7 +279,6 @@ function drawSource({ phase, source, readings, rejected, excluded_readings, fini
         readings > 0 ? things(readings, "reading") : "",
         rejected > 0 ? `${things(rejected, "outlier")}` : "",
         excluded_readings > 0 ? phrase("source.left-out", "{count} left out", { count: countText(excluded_readings) }) : "",
-        finished && finished.since > 0 ? phrase("source.since", "{count} since Finish", { count: countText(finished.since) }) : "",
     ];
     const words = counts.filter(Boolean).join(" · ");
     setText(byId("source-words", HTMLElement), words);

@@ -1,6 +1,6 @@
 /** A small planner: from the body and the noise of its sensor to instructions and the error to expect. */
 
-import { adopt, byId, element, Refusal, setText } from "./dom.js";
+import { adopt, byId, element, Refusal } from "./dom.js";
 import { sentence } from "./views/words.js";
 import { numeral, phrase, translateFixed } from "./language.js";
 
@@ -21,7 +21,8 @@ const CSS = `
 .plan summary { cursor: pointer; font-weight: 600; }
 .plan .row { display: flex; flex-wrap: wrap; align-items: center; gap: 0.5rem 0.75rem; margin-top: 0.5rem; }
 .plan input { width: 5rem; }
-.plan select { max-width: 100%; }
+.plan label:has(select) { display: flex; flex-wrap: wrap; align-items: center; gap: 0.25rem; min-width: 0; max-width: 100%; }
+.plan select { min-width: 0; max-width: 100%; }
 .plan ol { margin: 0.5rem 0 0; padding-left: 1.5rem; list-style: decimal; }
 .empty > .plan[open] { position: absolute; inset: 0; overflow: auto; }
 .empty:has(> .plan[open]) > :not(.plan) { visibility: hidden; }
@@ -48,7 +49,7 @@ export function layPlan(parent, bodies, ask) {
     translateFixed(plan);
     parent.append(plan);
     const body = byId("plan-body", HTMLSelectElement);
-    body.append(...bodies.map(([name, description]) => new Option(`${name}: ${description}`, name)));
+    body.append(...bodies.map(([name, description]) => new Option(`${name}: ${phrase(`plan.for.${name}`, description)}`, name)));
     byId("plan-ask", HTMLElement).addEventListener("click", async () => {
         plan.setAttribute("aria-busy", "true");
         try {
@@ -69,8 +70,12 @@ export function layPlan(parent, bodies, ask) {
 function show(plan, planned) {
     plan.dataset.verdict = planned.verdict;
     const noise = planned.body ? phrase("plan.with", "With {noise} µT of noise: ", { noise: numeral(String(planned.noise)) }) : "";
-    setText(byId("plan-result", HTMLElement), noise + planned.sentence);
-    byId("plan-steps", HTMLElement).replaceChildren(...planned.steps.map((words) => element("li", words)));
+    const english = element("span", planned.sentence);
+    if (planned.body) english.lang = "en"; // instructions and verdict of a plan have no translation
+    byId("plan-result", HTMLElement).replaceChildren(noise, english);
+    const steps = byId("plan-steps", HTMLElement);
+    steps.lang = "en";
+    steps.replaceChildren(...planned.steps.map((words) => element("li", words)));
 }
 
 /**
