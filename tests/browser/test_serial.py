@@ -114,7 +114,7 @@ def test_a_board_that_is_unplugged_is_missed_and_comes_back(bench: Bench, lines:
     expect(page.locator("#source")).to_have_attribute("data-link", "gone")
     expect(page.locator("#phase")).to_contain_text("rong")
     expect(page.locator("#advice-words")).to_contain_text("is gone")
-    expect(page.locator("#phase-words")).to_have_text("The sensor is gone.")  # and no more of it twice
+    expect(page.locator("#phase-words")).to_have_text("The sensor is disconnected.")  # and no more of it twice
     before = page.evaluate("flinders.store.state.readings")
     bench.board.plug()
     expect(page.locator("#source")).to_have_attribute("data-link", "connected")
