@@ -51,7 +51,7 @@ def test_one_that_could_not_be_read_of_thousands_is_in_the_headline(tmp_path: Pa
     assert ": 1 (< 0.1%)" in text
     assert_sentences(text, about="2,501")
     assert "100.0%" not in text
-    assert "supported kind p2 is broken" in text, "a file without a unit begins with its message"
+    assert "is read p2 is broken" in text, "a file without a unit begins with its message"
 
 
 def test_field_strengths_are_told_apart_by_their_unit(tmp_path: Path) -> None:

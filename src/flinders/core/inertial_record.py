@@ -6,7 +6,7 @@
 True
 >>> loads('{"flinders": "calibration", "schema": 1}')
 Traceback (most recent call last):
-flinders.errors.DocumentError: inertial: is the calibration of a magnetometer: need a file of an accelerometer
+flinders.errors.DocumentError: inertial is the calibration of a magnetometer: give a file of an accelerometer
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@
 >>> explain("heading-error").meaning.partition(":")[0]
 'The heading may be off by more than the target'
 >>> explain("field-strength").meaning.partition(". ")[0], explain("axis-swap").action.partition(". ")[2]
-("The field that was found, N µT, is not one of the earth's", 'A swap through the whole recording cannot be told.')
+("The field that was found, N µT, is not one of the earth's", 'A swap throughout the recording cannot be detected.')
 >>> explain("coverge")
 Traceback (most recent call last):
 flinders.errors.UsageError: there is no finding or error 'coverge': did you mean coverage?
