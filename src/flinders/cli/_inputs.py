@@ -271,7 +271,7 @@ def refuse_calibration(path: str, instead: str) -> None:
 
 
 def refuse_others(paths: Iterable[str]) -> None:
-    """Refuse files with recordings of many units, or written by a command for these; the message names the command."""
+    """Refuse files with recordings of many units, and results of fleet commands; the message says what to use."""
     from flinders.core.plugins import other_contents
 
     for path in paths:

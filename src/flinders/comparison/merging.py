@@ -262,7 +262,7 @@ def _claim(part: Fit) -> Floats:
 
 
 def _distortion(part: Fit) -> float:
-    """Errors of a calibration that depend on the direction, in its unit; they are common to all of the sensor."""
+    """Direction-dependent error of a calibration, in its unit; all calibrations of one sensor share this error."""
     across = math.radians(part.claim.structure_deg) * math.cos(math.radians(part.claim.known_dip_deg))
     return across * part.calibration.ellipsoid.radius
 

@@ -199,7 +199,7 @@ def _read_only_error(frame: object, instead: str) -> UsageError:
 
 
 def _package_of(frame: object) -> Any:  # noqa: ANN401
-    """Package of a frame, which is loaded already."""
+    """Package of a data frame, such as pandas or polars, which is imported already."""
     return sys.modules[type(frame).__module__.partition(".")[0]]
 
 

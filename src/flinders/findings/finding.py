@@ -124,7 +124,7 @@ class Finding(ShortRepr):
         Raises
         ------
         DocumentError
-            For values that do not fit the sentence; `source` names the file.
+            For stored values that the sentence of the finding cannot take; `source` names the file.
         """
         row = CATALOGUE.get(record.code)
         is_stated = row is not None and row.rule.stated_names <= record.values.keys()

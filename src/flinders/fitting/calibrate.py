@@ -340,7 +340,7 @@ def _expected_deg(found: Estimated) -> float:
 def _claim(found: Estimated, estimator: Estimator, request: Request) -> Widened:
     """Widen the covariance of an estimate by errors that its method does not include, and by its disturbances.
 
-    An estimate of `auto` by the magnitude alone, with a prior, is shrunk if its readings were corrected before.
+    The estimate is shrunk if `auto` fitted by the magnitude alone with a prior, and the readings were corrected before.
     """
     widened = widen_claim(
         found.estimate,

@@ -51,7 +51,7 @@ MIN_PAUSE_STEPS: Final = 20.0
 """Smallest time without a reading after which a filter restarts, in mean steps of the clock."""
 
 STEPS_IN_MEAN: Final = 10
-"""Count of steps of the clock in the mean that distinguishes a pause from a step."""
+"""Number of time steps in the mean step; a much longer step is a pause."""
 
 MAX_CHI2: Final = 21.108
 """χ² with three degrees of freedom that chance exceeds with a probability of 0.01 %."""

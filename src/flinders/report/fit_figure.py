@@ -100,7 +100,7 @@ def _sphere(fit: Fit, recording: AnyReadings | None) -> str:
 
 
 def _cloud(fit: Fit, recording: AnyReadings | None) -> tuple[Panel, ...]:
-    """The corrected readings from the viewpoint of the sphere."""
+    """The corrected readings, seen from the same direction as the sphere."""
     panel = figures.cloud(_with_surface(fit, recording), is_corrected=True)
     return (replace(panel, title="corrected readings"),)
 

@@ -175,7 +175,7 @@ def legend_row(right: float, y: float, target_deg: float, words: str) -> str:
 
 
 def seen_legend(view: View) -> list[tuple[str, str]]:
-    """Class and words of each level."""
+    """CSS class and label of each level of the number of readings."""
     ends = _seen_ends(view)
     firsts = [1, *(end + 1 for end in ends)]
     words = [

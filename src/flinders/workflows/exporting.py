@@ -1,4 +1,4 @@
-"""Export of a calibration to a target, with its origin, its limits, and the compass of a vehicle that it is for.
+"""Export of a calibration to a target, with its origin, its limits, and the number of the vehicle's compass.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate

@@ -31,7 +31,7 @@ MAX_DIP_DIFFERENCE_DEG: Final = 3.0
 """Largest difference between the measured dip and that of the model without a note."""
 
 MAX_ACCELERATED_SHARE: Final = 0.05
-"""Largest share of readings with an acceleration other than gravity without a note."""
+"""A note is given if a larger share of the readings has an acceleration other than gravity."""
 
 MIN_VERTICAL_SHARE: Final = 0.2
 """Smallest share of the field along z at which its sign shows whether z is up."""

@@ -77,7 +77,7 @@ class KeyedFrame:
         return 0.0 if time is None else time.start * time.factor
 
     def batches(self, _: Sequence[int], names: Interner) -> Iterator[tuple[Runs, list[NDArray[np.floating]]]]:
-        """Yield once the runs of recordings, as numbers in `names`, and K columns (N,).
+        """Yield a single batch: the runs of recordings, as indices into `names`, and K columns (N,).
 
         `names` also gets the hardware batch of each recording.
         """

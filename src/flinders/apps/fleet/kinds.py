@@ -33,7 +33,7 @@ MAX_OWN_BYTES: Final = 1 << 20
 
 @cache
 def _endings() -> tuple[str, ...]:
-    """Endings of names that are read from a folder: of readers, of tables, and of folders that cannot be listed."""
+    """File name extensions that are read from a folder, and ``/`` for subfolders that cannot be listed."""
     return (*{suffix for reader in registry() for suffix in reader.suffixes}, *TABLES, "/")
 
 

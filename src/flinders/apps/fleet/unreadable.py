@@ -104,7 +104,7 @@ class Unreadable:
         return self._readable[part]
 
     def give_up(self, part: FileSlice, error: Exception) -> None:
-        """Note all groups of a slice as unreadable, though each could be read by itself."""
+        """Note all row groups of a slice as unreadable: the slice failed, although each group alone was readable."""
         errors = dict.fromkeys(self._readable.get(part, part.groups), error)
         self._record(part, lambda _: errors)
         self._readable[part] = ()

@@ -109,7 +109,7 @@ def _sensor(rng: Generator, gain: float, lean: float, noise: float) -> Sensor:
 
 
 def _attitudes(rng: Generator, directions: int, aim: float) -> tuple[Floats, NDArray[np.intp]]:
-    """(N, 3, 3) attitudes and (N,) groups: directions of the procedure with errors of the hand, four rolls in each."""
+    """(N, 3, 3) attitudes and (N,) group numbers: directions with random aiming errors, four rolls each."""
     azimuth, inclination = np.radians(PROCEDURE[:directions]).T
     sigma = math.radians(HAND_ERROR_DEG)
     north = rng.uniform(0.0, 2.0 * np.pi)

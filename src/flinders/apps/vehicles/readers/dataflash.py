@@ -236,7 +236,7 @@ class _Compass:
 
     @cached_property
     def motor_offsets(self) -> Floats:
-        """(N, 3) MOT x of each reading, mG."""
+        """(N, 3) motor compensation in each reading, mG: COMPASS_MOT times current or throttle."""
         vectors = (self.mag.triple(prefix) for prefix in ("MO", "MOfs"))
         return next((each for each in vectors if each is not None), np.zeros((len(self.mag), 3)))
 

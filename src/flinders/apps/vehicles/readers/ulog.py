@@ -87,7 +87,7 @@ MAX_DEPTH: Final = 8
 CHANGE_WINDOW_S: Final = 1.0
 """Seconds: changes of parameters within this time belong to one calibration on board."""
 MIN_READINGS_RATIO: Final = 1.5
-"""Least ratio of readings in another topic to those in ``sensor_mag`` for that topic to be offered."""
+"""Another topic is offered if it has at least this many times the readings of ``sensor_mag``."""
 EARLIEST, LATEST = datetime(2000, 1, 1, tzinfo=UTC), datetime(2100, 1, 1, tzinfo=UTC)
 
 

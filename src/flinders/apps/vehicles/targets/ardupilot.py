@@ -240,7 +240,7 @@ class ArduPilotParameters(CompassParameters):
 
     @classmethod
     def mounting_names(cls, compass: int) -> tuple[str, ...]:
-        """COMPASS_EXTERNAL and COMPASS_ORIENT; `custom_names` are those of one that is set by angles."""
+        """Names of COMPASS_EXTERNAL and COMPASS_ORIENT; `custom_names` has those of a rotation set by angles."""
         return names("EXTERNAL", compass)[0], names("ORIENT", compass)[0]
 
     @property
