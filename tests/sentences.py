@@ -33,7 +33,6 @@ TEMPORARY = {tempfile.gettempdir(), os.path.realpath(tempfile.gettempdir())}
 WORDS_OF_OTHERS = {  # of Python, libraries and the machine
     re.compile(r"\((\w+Error): .+?\)(?=: |; )", re.DOTALL): r"(\1: <words>)",
     re.compile(r"(broken gzip data|JSON that can be read) \(.+?\)(?=: )"): r"\1 (<words>)",
-    re.compile(r"embedded null \w+"): "embedded null <word>",
     re.compile(r"(?<=cannot be opened: it is not there; )th[^\n]*"): "<ports of this machine>",
 }
 MAX_CHARACTERS = 1200

@@ -19,4 +19,6 @@ def read_courses(path: str | os.PathLike[str]) -> Any:  # noqa: ANN401 - type of
     """
     for module in app_modules("COURSES").values():
         return import_module(module).read_courses(path)
-    raise UsageError("no installed package reads logs of course and speed over ground: give a recording that contains velocities")
+    raise UsageError(
+        "no installed package reads logs of course and speed over ground: give a recording that contains velocities"
+    )

@@ -377,7 +377,7 @@ def refusal(name: str, error: OSError | ValueError) -> UnreadableInput:
             advice = "" if error.errno in REASONS_BY_ERRNO else "; try a copy of it"
             return UnreadableInput(f"{name} cannot be read: {reason_and_remedy(error)}{advice}")
         case _:
-            return UnreadableInput(f"{name} is not a file name: {error}")
+            return UnreadableInput(f"{name} holds a character that no file name can have: check the name")
 
 
 def _of_open_file(file: IO[Any], check: Check) -> Source:
