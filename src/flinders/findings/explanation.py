@@ -10,6 +10,10 @@
 >>> explain("coverge")
 Traceback (most recent call last):
 flinders.errors.UsageError: there is no finding or error 'coverge': did you mean coverage?
+>>> explain("limited")
+Traceback (most recent call last):
+flinders.errors.UsageError: 'limited' is a verdict: the calibration is written; its first sentence says what is \
+unknown, or above the target. Codes of findings are in brackets after them
 """
 
 from __future__ import annotations
@@ -24,6 +28,7 @@ from flinders.findings.catalogue import CATALOGUE
 from flinders.findings.refusal import REFUSALS
 from flinders.findings.row import VERDICTS
 from flinders.findings.words import as_sentence
+from flinders.verdicts import MEANINGS
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +74,9 @@ def explain(code: str) -> Explanation:
     if refusal := REFUSALS.get(code):
         action = as_sentence(refusal.remedy or refusal.action)
         return Explanation(code, refusal.plain.format_map(_Named()), VERDICTS["refuses"], "", "", action, "")
+    for verdict, meaning in MEANINGS.items():
+        if code == verdict:
+            raise UsageError(f"{code!r} is a verdict: {meaning.words}. Codes of findings are in brackets after them")
     near = difflib.get_close_matches(code, [*CATALOGUE, *REFUSALS], n=1)
     hint = f"did you mean {near[0]}?" if near else "codes are in brackets after a finding"
     raise UsageError(f"there is no finding or error {code!r}: {hint}")

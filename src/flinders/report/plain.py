@@ -101,7 +101,7 @@ def _of_no_fit(error: FitError) -> tuple[list[str], list[str]]:
 
 
 def error_words(error: FlindersError) -> tuple[str, str]:
-    """Reason and remedy of an error in plain words; its message and no remedy if there are none."""
+    """Reason and remedy of an error in plain words; for an unknown error, its own message and no remedy."""
     refusal = REFUSALS.get(error.code)
     if refusal is None or not refusal.plain:
         return error.message, ""

@@ -192,7 +192,7 @@ def default_path(now: datetime, folder: str = FOLDER) -> Path:
 
 @dataclass(slots=True, eq=False)
 class TrimmedRecording(RecordingWrapper):
-    """A recording on the timeline of its session, without some spans of time; ends belong to the spans.
+    """A recording on the timeline of its session, without some spans of time and the moments at their ends.
 
     `timeline` is the state after the last pass; without times, the numbers of the readings serve as times.
 
