@@ -16,7 +16,7 @@ from hypothesis import settings
 from tests.trials import Trials
 
 pytest.register_assert_rewrite("tests.sentences")
-from tests.sentences import Sentences  # noqa: E402 - asserts in it are rewritten
+from tests.sentences import RECORDINGS, Sentences  # noqa: E402 - asserts in it are rewritten
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
@@ -111,10 +111,9 @@ def recordings() -> Callable[[str], Path]:
     They live in the folder that FLINDERS_DATA names, else in ``shared/data`` beside the project. Without them a test
     is skipped; on CI it fails.
     """
-    folder = Path(os.environ.get("FLINDERS_DATA") or ROOT.parent / "shared" / "data")
 
     def find(name: str) -> Path:
-        path = folder / name
+        path = RECORDINGS / name
         if path.exists():
             return path
         message = f"no recording {path}: set FLINDERS_DATA to the folder that holds {name}"

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 TESTS = Path(__file__).resolve().parent
 SENTENCES = TESTS / "golden" / "sentences"
+RECORDINGS = Path(os.environ.get("FLINDERS_DATA") or TESTS.parents[1] / "shared" / "data")
 TEMPORARY = {tempfile.gettempdir(), os.path.realpath(tempfile.gettempdir())}
 WORDS_OF_OTHERS = {  # of Python, libraries and the machine
     re.compile(r"\((\w+Error): .+?\)(?=: |; )", re.DOTALL): r"(\1: <words>)",
@@ -95,7 +96,7 @@ def with_placeholders(text: str) -> str:
     for folder in TEMPORARY:
         of_pytest = r"(?:pytest-of-[^/\s]+/pytest-\d+/(?:popen-gw\d+/)?)?"
         text = re.sub(rf"(?<!\w){re.escape(folder)}/{of_pytest}[\w.-]+", "<tmp>", text)
-    text = text.replace(os.environ.get("FLINDERS_DATA") or "\0", "<data>").replace(str(TESTS.parent), "<project>")
+    text = text.replace(str(RECORDINGS), "<data>").replace(str(TESTS.parent), "<project>")
     text = re.sub(r"(\blocalhost:|127\.0\.0\.1:|\[::1\]:|\bport )\d{4,5}\b", r"\1<port>", text)
     text = re.sub(r"(?<=/dev/pts/)\d+", "<number>", text)
     text = re.sub(r"\bflinders-[a-z0-9_]{8}\b", "flinders-<random>", text)
