@@ -110,7 +110,7 @@ ROWS: Final = (
     CatalogueRow(
         code="aids-disagree",
         affects="use",
-        number="error of the gyro's scales in a fit with an aid, where a fit without it finds none",
+        number="error of the gyro's scales in a fit with an aiding sensor; a fit without that sensor has none",
         action="leave that aid out: an accelerometer leans in steady turns; the aid was not used",
         rule=Rule("scales_off", (Grade("limits", 0.0),), limit=Limit(0.1)),
         said=(
@@ -159,7 +159,7 @@ ROWS: Final = (
     CatalogueRow(
         code="aid-diverged",
         affects="use",
-        number="claimed heading error with an aid, as a multiple of the one without it",
+        number="claimed heading error with an aiding sensor, divided by that without it",
         action="leave the aid out, or turn the sensor through more directions; the aid was not used",
         rule=Rule("times_claim", (Grade("limits", 4.0),)),
         said=(
@@ -173,7 +173,7 @@ ROWS: Final = (
     CatalogueRow(
         code="aid-empty",
         affects="use",
-        number="readings with the quantity that an aid needs",
+        number="number of readings with the quantity that an aiding sensor needs",
         action="record that quantity, or leave the aid out; the aid was not used",
         rule=Rule("usable", (Grade("limits", 12.0),), comparison="<"),
         said=(

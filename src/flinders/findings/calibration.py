@@ -40,7 +40,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="strength-differs",
-        number="how far the strength that the readings show is off that of the site, standard deviations of both",
+        number="difference of the readings' field strength from that of the site, in standard deviations of both",
         action=(
             "check unit and scale; or the gain of the sensor is another than was stated (`--gain-sigma`): the strength "
             "of the site was left out"

@@ -81,7 +81,10 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="soft-iron-changed",
-        number="how often chance alone makes the readings contradict the soft iron of the earlier calibration as much",
+        number=(
+            "probability that chance alone makes the readings contradict the soft iron of the earlier calibration "
+            "as much"
+        ),
         action="tumble the sensor again and calibrate: the renewed fit allows a change of the soft iron by 5 %",
         rule=Rule("soft_iron_p_value", (Grade("limits", 0.001),), comparison="<"),
         fault=(
@@ -95,7 +98,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="poses-contradict",
-        number="how often chance alone makes poses at known headings contradict each other as much",
+        number="probability that chance alone makes poses at known headings contradict each other as much",
         action="check each heading, the dip, and that no iron is near; soft iron that has changed needs a full tumble",
         rule=Rule("poses_by_chance", (Grade("refuses", 0.001),), comparison="<"),
         fault="the poses contradict each other (chance: {poses_by_chance:.1g})",
@@ -110,7 +113,8 @@ ROWS: Final = (
         code="rotation-uncertain",
         affects="use",
         number=(
-            "heading error (1 σ, rms over a level turn) due to the uncertainty of a rotation found with an aid, degrees"
+            "heading error (1 σ, rms over a level turn) due to the uncertainty of a rotation found with an aiding "
+            "sensor, degrees"
         ),
         action=(
             "tilt the body far about two axes while recording, say how well the accelerometer is calibrated "

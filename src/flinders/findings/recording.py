@@ -79,7 +79,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="stale-repeats",
-        number="share of the readings that another one equals",
+        number="share of the readings that equal another reading",
         action="nothing: the uncertainty counts them once; log no faster than the sensor measures",
         rule=Rule("repeated_share", (Grade("note", 0.1),)),
         said=(

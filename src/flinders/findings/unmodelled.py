@@ -16,8 +16,8 @@ ROWS: Final = (
         affects="error",
         grades="note; limits above the target; refuses above twice the target",
         number=(
-            "how far one recording is off the others at the worst heading, degrees; reported where chance makes such "
-            "a difference less often than once in a hundred"
+            "difference of one recording from the others at the worst heading, degrees; reported if chance causes "
+            "it less often than once in a hundred"
         ),
         action="find out what changed between the recordings, and use those made in the state of use",
         rule=Rule(
