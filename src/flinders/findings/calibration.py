@@ -121,8 +121,8 @@ ROWS: Final = (
             " shorter ends; 0 if they are equal, which proves nothing"
         ),
         action=(
-            "check the compass on known bearings; record the readings where that can be done, since six typed "
-            "numbers tell neither noise nor directions"
+            "check the compass on known bearings; if possible, record the readings, since six typed numbers "
+            "contain neither noise nor directions"
         ),
         rule=Rule("is_typed", (Grade("limits", 0.0),), number="unturned_deg", limit=Limit(1.0, "target_deg")),
         said=(

@@ -161,7 +161,7 @@ ROWS: Final = (
             "deviation of a disturbance's effect from a straight line, over its range and at its reference, relative "
             "to the effect; reported if chance causes it less than once in a million"
         ),
-        action="record the current instead of the throttle, or use the calibration near the values recorded most",
+        action="record the current instead of the throttle, or use the calibration near the most frequent values",
         rule=Rule("curvature", (Grade("limits", 0.03),), needs=(Needs("curvature_deg", ">=", 1.0, "unsaid_deg"),)),
         said=(
             "the effect of {name} deviates from a straight line by {curvature:.0%}: the sensor follows its "

@@ -16,8 +16,8 @@ ROWS: Final = (
             " at the worst attitude"
         ),
         action=(
-            "something magnetic was near it at the times that the advice names, or a current flowed; record again"
-            " without, or steer by another"
+            "something magnetic was near the sensor at the times that the advice names, or a current flowed; record "
+            "again without it, or use another sensor"
         ),
         rule=Rule(
             "departs_share",
@@ -135,8 +135,8 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="not-together",
-        number="0; or worst heading error of a fit together with the others, degrees",
-        limit="0; or 1.5 times that of the sensor by itself",
+        number="worst heading error of a fit together with the others, degrees; 0 if there is no such fit",
+        limit="1.5 times that of the sensor by itself; 0 if there is no such fit",
         action=(
             "turn the body about all its axes with all sensors running; or check the others, and their clocks: this "
             "sensor keeps its own result"

@@ -19,7 +19,7 @@ ROWS: Final = (
             "difference of one recording from the others at the worst heading, degrees; reported if chance causes "
             "it less often than once in a hundred"
         ),
-        action="find out what changed between the recordings, and use those made in the state of use",
+        action="find out what changed between the recordings, and use those made in the vehicle's state of use",
         rule=Rule(
             "apart_beyond_claim_deg",
             (Grade("note", -1.0), Grade("limits", 1.0, "target_deg"), Grade("refuses", 2.0, "target_deg")),
