@@ -352,7 +352,7 @@ def _unit_advice(proposal: ChipProposal, spell: Spelling) -> str:
     if not proposal.candidates:
         return ""
     if not proposal.named_by:
-        return f"{spell({'chip': None})} with the name of the chip, to see the µT of a count"
+        return f"{spell({'chip': None})} with the name of the chip, for the µT of a count"
     scales = {f"{each.scale:.6g}": each.setting for each in proposal.candidates}
     written = [f"{scale} ({setting})" for scale, setting in scales.items()]
     return f"{spell({'scale': None})} with the µT of a count: {' or '.join(written)}"
