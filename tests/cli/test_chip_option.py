@@ -50,6 +50,8 @@ def test_a_calibration_has_the_count_and_the_axes_of_the_chip() -> None:
     [
         "counts.csv --chip HMC5883L",
         "counts.csv --chip BMM350",
+        "counts.csv --chip BMX055",
+        "counts.csv --chip RM3100",
         "counts.csv --chip IST8310:16bits --axes x,y,z",
         "gauss.csv --chip MPU-9250 --unit mG",
         "counts.csv --chip AK8963:16bits",
@@ -67,6 +69,7 @@ def test_what_is_taken_is_said(words: str) -> None:
         "calibrate counts.csv --chip HMC5883M",
         "calibrate counts.csv --chip HMC5883L --scale 0.1",
         "calibrate counts.csv --chip HMC5883L --unit mG",
+        "calibrate counts.csv --chip RM3100 --unit mG --axes -x,-y,z",
         "calibrate gauss.csv --chip LIS2MDL",
         "live --simulate --chip HMC5883L",
         "live --replay counts.csv --chip QMC5883L:30G",

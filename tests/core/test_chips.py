@@ -106,12 +106,13 @@ def test_each_setting_of_a_chip_can_be_named(chip: Chip) -> None:
 @pytest.mark.parametrize(
     ("text", "lsb_ut", "axes"),
     [
-        ("HMC5883L", 0.0917431, ""),
-        ("hmc5883l:8.1", 0.4347826, ""),
-        ("QMC5883L:8G", 0.0333333, ""),
+        ("HMC5883L", 0.0917431, "x,y,z"),
+        ("hmc5883l:8.1", 0.4347826, "x,y,z"),
+        ("QMC5883L:8G", 0.0333333, "x,y,z"),
         ("mpu9250:16 bits", 0.15, "y,x,-z"),
         ("AK8963:16bits", 0.15, ""),
         ("MMC5603", 0.00625, ""),
+        ("BMX055", 0.0625, "-y,x,z"),
         ("MMC5983MA:16bits", 0.0244141, ""),
         ("VCM5883", 0.0333333, "x,-y,z"),
     ],

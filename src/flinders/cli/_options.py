@@ -282,7 +282,7 @@ def with_chip(values: dict[str, Any]) -> dict[str, Any]:
     """
     if values["chip"] is None:
         return values
-    from flinders.core.chips import ChipReading
+    from flinders.core.chips import SAME_AXES, ChipReading
     from flinders.core.units import COUNTS, Unit
 
     is_in_counts = values["unit"] is None or Unit.of(values["unit"]).name == COUNTS
@@ -291,7 +291,7 @@ def with_chip(values: dict[str, Any]) -> dict[str, Any]:
         raise UsageError("--chip and --scale both say how much a count is: give one of them")
     are_axes_typed = is_typed("axes")
     taken: dict[str, Any] = {"scale": reading.setting.lsb_ut} if is_in_counts else {}
-    taken |= {"axes": reading.axes} if reading.axes and not are_axes_typed else {}
+    taken |= {} if are_axes_typed or reading.axes in ("", SAME_AXES) else {"axes": reading.axes}
     words = [reading.count_words] * is_in_counts + [reading.axes_words] * (not are_axes_typed)
     if not taken:
         raise UsageError("; ".join([f"--chip sets nothing: --unit is {values['unit']}", *words, "leave it out"]))

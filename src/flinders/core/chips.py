@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 TABLE: Final = Path(__file__).with_name("chips.toml")
+SAME_AXES: Final = "x,y,z"
+"""Mapping of a chip whose registers have the stated axes already."""
 DEVICE_TYPE_BIT: Final = 16
 """Lowest of the 8 bits that name the chip in a device id of ArduPilot and PX4."""
 MAX_SUGGESTIONS: Final = 3
@@ -83,8 +85,8 @@ class ChipReading:
     >>> reading = ChipReading.of("MPU-9250:16 bits")
     >>> reading.setting.lsb_ut, reading.axes
     (0.15, 'y,x,-z')
-    >>> ChipReading.of("HMC5883L").setting.lsb_ut, ChipReading.of("HMC5883L").axes
-    (0.0917431, '')
+    >>> ChipReading.of("RM3100").setting.lsb_ut, ChipReading.of("RM3100").axes
+    (0.0133, '')
     """
 
     name: str  # as it was given: the chip, or a package that holds it
@@ -128,6 +130,8 @@ class ChipReading:
     def axes_words(self) -> str:
         """Mapping of axes in words, or why there is none."""
         chip = self.chip
+        if self.axes == SAME_AXES:
+            return f"axes as recorded, which are {chip.axes_are}"
         if self.axes:
             return f"axes {self.axes} for {chip.axes_are}"
         if chip.axes_in:
