@@ -34,7 +34,7 @@ class Properties:
     """Properties of units, such as firmware or place, that do not come from recordings."""
 
     names: tuple[str, ...]  # names of the properties
-    # values by unit; None if the rows keep their own
+    # values by unit; None if the rows of the table keep the properties that they have
     known: Mapping[str, tuple[str, ...]] | None = field(default=None, repr=False)
 
     @classmethod
