@@ -52,7 +52,7 @@ KEYWORDS: Final = ("magnetometer", "compass", "calibration", "heading")
 
 @dataclass(frozen=True, slots=True)
 class Component:
-    """One row of the table of components."""
+    """Row of the table of components: a firmware framework, and how a calibration is written for it."""
 
     name: str  #: name for ``flinders component``
     use: str  #: framework, in words

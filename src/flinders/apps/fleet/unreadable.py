@@ -183,7 +183,10 @@ class Unreadable:
                 yield UnreadableGroups(part, file.group, tuple(groups), every, rows, errors[groups[0]], own, named)
 
     def recordings(self, read: Iterable[Pair]) -> set[Pair]:
-        """Recordings with unreadable rows; of units that only the footer names, the recordings that were `read`."""
+        """Recordings with unreadable rows.
+
+        If only the footer names a unit, its recordings are not known: then those of them that were `read` count.
+        """
         recordings = {pair for each in self.all for pair in each.counts if pair[0]}
         ends = {unit for each in self.all for unit in each.ends}
         present = {pair for pair in read if pair[0] in ends}

@@ -36,14 +36,14 @@ class Report:
     kind: Kind  # periodic state, event of the calibration, event of the source, or sending
     event: str | None  # code of the event, for an event of the source as in `FeedEvent`; None for a periodic state
     words: str | None  # the event in words
-    time_s: float  # time in s by the clock of the readings, from 1970 if known
+    time_s: float  # time by the clock of the readings, from 1970 if known
     time: str | None  # `time_s` as a date (UTC); None if it does not count from 1970
     doing: Doing  # `learning` without a calibration, `disturbed` if readings contradict it, else `undisturbed`
     verdict: Verdict  # `good` within the target, `refused` beyond five times the target or without a calibration
     heading_error_deg: float | None  # worst heading, level, 1 σ, with the calibration in force; None without one
     bound_deg: float | None  # bound on the heading error of all headings, with a probability of 95 %
     latest_deg: float | None  # heading error with the newest calibration, which may not be in force
-    age_s: float | None  # time in s since readings last improved the calibration
+    age_s: float | None  # time since readings last improved the calibration
     walk: float | None  # random walk of the offset in an hour, 1 σ, in `unit`
     offset: tuple[float, float, float] | None  # newest estimate, in force or not, in `unit`; None without an estimate
     offset_sigma: tuple[float, float, float] | None  # 1 σ of its components, in `unit`
@@ -51,7 +51,7 @@ class Report:
     # unit of `walk`, `offset` and `radius`: `uT`, or `counts` if the scale is unknown; None before the first reading
     unit: str | None
     target_deg: float  # target of the heading error
-    # time in s at which the error reaches the target without further updates; None if unknown, or beyond 10 years
+    # time at which the error reaches the target without further updates; None if unknown, or beyond 10 years
     good_until_s: float | None
     good_until: str | None  # `good_until_s` as a date (UTC)
     is_locked: bool  # the calibration in force stays, despite newer estimates

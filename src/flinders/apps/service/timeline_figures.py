@@ -95,7 +95,7 @@ class _Points:
 
     @classmethod
     def of(cls, points: Sequence[OnlinePoint]) -> Self:
-        """Convert points to columns; the values before an event are drawn up to the event."""
+        """Convert points to columns; the values before an event hold up to the event, where they change in a step."""
         points = list(_with_steps(points))
         return cls(
             np.array([point.time_s for point in points]),

@@ -62,7 +62,7 @@ SKEW: Final = 1e-5 * np.array([[0.0, 0.0, 0.0], [3.1728394, 0.0, 0.0], [-5.91827
 OFFSET: Final = np.array([12.345678912, -23.192837465, 34.564738291])
 STRENGTH: Final = 47.123584967
 SCALE: Final = 0.7310585786
-"""Size of the placeholder unit; the constants above are placeholders, too."""
+"""Placeholder for the size of the recorded unit; the numbers above are placeholders of a calibration."""
 DIVISORS: Final = (1.0, RECORDED, PER_UNIT["mG"], PER_UNIT["G"])
 FORMATS: Final[dict[str, Callable[[float], str]]] = {
     "general": lambda value: f"{np.float32(value) + np.float32(0):.9g}",

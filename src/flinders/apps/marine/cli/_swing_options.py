@@ -56,7 +56,7 @@ class StandardOptions(program.Group):
 
     @property
     def rule(self) -> Standard | None:
-        """The named rule; None without one."""
+        """The rule that the option names; None without one."""
         return None if self.name is None else STANDARDS[self.name]
 
     @property

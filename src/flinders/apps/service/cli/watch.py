@@ -59,7 +59,7 @@ class WatchedSource(program.Group):
     lines: LineOptions = program.group(LineOptions)
 
     def check(self) -> None:
-        """Refuse other than one source.
+        """Refuse no source, and several sources.
 
         Raises `UsageError`.
         """

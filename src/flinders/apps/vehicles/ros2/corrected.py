@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 TESLA: Final = 1.0 / PER_UNIT["T"]
 """Tesla in one microtesla."""
 LEVELS: Final[dict[Verdict, int]] = {"good": 0, "limited": 1, "refused": 2}
-"""``OK``, ``WARN`` and ``ERROR`` of ``diagnostic_msgs/DiagnosticStatus``."""
+"""Level of ``diagnostic_msgs/DiagnosticStatus`` for each verdict: ``OK``, ``WARN`` or ``ERROR``."""
 STATUS: Final = "flinders: magnetometer calibration"
 CORRECTED: Final = "/imu/mag_corrected"
 """Default topic of corrected readings."""

@@ -154,7 +154,9 @@ class Px4Parameters(CompassParameters):
 
     @classmethod
     def read(cls, values: Mapping[str, float], compass: int = 0) -> Self:
-        """Read one compass from a vehicle's parameters; missing ones are the default. `UsageError` for another number.
+        """Read one compass, 0 to 3, from a vehicle's parameters; missing parameters have their defaults.
+
+        Raises `UsageError` for another number of a compass.
 
         >>> Px4Parameters.read({"CAL_MAG1_YOFF": -0.25, "CAL_MAG1_ROT": 6, "CAL_MAG1_ID": 592905}, 1).offset
         array([ 0.  , -0.25,  0.  ])
