@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 FALSE_ALARM_PROBABILITY: Final = 0.01
-"""Probability of a false alarm in a whole fleet, as in a comparison of two calibrations."""
+"""Largest probability of a false alarm in a whole fleet, equal to that in a comparison of two calibrations."""
 DIP_DEG: Final = 60.0
 """Dip of the field, in degrees, if the tables have none."""
 

@@ -295,7 +295,7 @@ def _submit(
 
 
 def _current_workers(client: Any, before: set[str], died: Callable[[WorkerDeath], None]) -> set[str]:  # noqa: ANN401
-    """Workers of a cluster; `died` is called with those of `before` that are gone."""
+    """Names of the present workers of a cluster; calls `died` for each worker in `before` that is gone."""
     now = set(client.nthreads())
     for worker in sorted(before - now):
         died(WorkerDeath(worker))

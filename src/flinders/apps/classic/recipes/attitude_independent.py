@@ -59,7 +59,7 @@ MIN_EXPLAINED: Final = 0.5
 """Smallest explained share of the variance of H² for a centred fit; with less, noise dominates its scale."""
 
 MAX_SPREAD_RATIO: Final = 0.8
-"""Largest spread of a strength that may be unrelated to the readings, in units of their distance from one ellipsoid."""
+"""Largest σ of a strength that the readings do not explain, relative to their scatter about one ellipsoid."""
 
 MAX_CONSTANT_SPREAD: Final = 1e-9
 """Largest relative spread of a constant strength, from rounding."""
