@@ -170,6 +170,7 @@ TARGETS: Final = (
     Target(
         name="ros-madgwick",
         use="ROS 2 imu_filter_madgwick",
+        group="ROS",
         suffix=".yaml",
         title="imu_filter_madgwick",
         formula="m - mag_bias",
@@ -184,6 +185,7 @@ TARGETS: Final = (
     Target(
         name="ros-pipeline",
         use="ROS magnetometer_pipeline",
+        group="ROS",
         suffix=".yaml",
         title="magnetometer_pipeline",
         formula="S (m - b)",
@@ -198,6 +200,7 @@ TARGETS: Final = (
     Target(
         name="fusioncore",
         use="ROS 2 FusionCore",
+        group="ROS",
         suffix=".yaml",
         title="FusionCore",
         formula="soft_iron (m - hard_iron)",
