@@ -26,7 +26,7 @@ NOISES_UT: Final = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 """Levels of noise of the table, µT."""
 
 TABLE: Final = "plans.json"
-"""The table, beside this module."""
+"""Name of the table's file, in the folder of this module."""
 
 
 class PlannedRecording(Struct, frozen=True):
@@ -34,8 +34,8 @@ class PlannedRecording(Struct, frozen=True):
 
     body: str
     noise: float  # µT: 1 σ of each axis and reading
-    verdict: str  # to expect
-    sentence: str  # duration, and the first sentence of that verdict
+    verdict: str  # expected verdict
+    sentence: str  # duration, and the first sentence of the expected verdict
     steps: tuple[str, ...]  # instructions, one for each attitude
 
 
@@ -57,7 +57,7 @@ def planned_table() -> tuple[PlannedRecording, ...]:
 
 
 def bodies_data() -> list[list[str]]:
-    """Name and description of each body, for the page."""
+    """Name and description of each body, such as a drone, for the page."""
     return [[body.name, body.description] for body in BODIES.values()]
 
 

@@ -178,7 +178,7 @@ def minimise(sums: ProductSums, theta: Floats, start: Floats, method: str) -> Fl
     theta : (9,) float
         Starting point.
     start : (9,) float
-        θ' with whose gain the gain is compared.
+        θ' whose gain is the reference for `Collapsed`.
     method : str
         Name of the method in messages.
     """

@@ -57,7 +57,9 @@ class Constrained:
     Parameters
     ----------
     radii : str
+        Constraint on radii and axes: a row of the table, or a name of ``magcal``.
     centred : bool
+        Whether the centre is kept at zero.
 
     Notes
     -----
@@ -121,7 +123,7 @@ class Constrained:
         return replace(made, estimator=self.name)
 
     def choose_radii(self, readings: Readings) -> tuple[Radii, Ellipsoid]:
-        """Radii and ellipsoid with the smallest `fit_error`, from the sphere to the free ellipsoid, as ``magcal``.
+        """Choose the radii with the smallest `fit_error` as ``magcal`` does, from the sphere to the free ellipsoid.
 
         Raises `NotAnEllipsoid` if not even a sphere fits the readings.
         """

@@ -16,9 +16,9 @@ import { adviceOf, conditionOf, reasonWords, sentenceOf } from "./verdict_words.
 /** @typedef {import("./standalone/running.js").Preview} Preview */
 
 const LAST_TARGET = "flinders-export";
-/** Result without readings. @type {import("./standalone/running.js").Finished} */
+/** Result before the first calibration. @type {import("./standalone/running.js").Finished} */
 const NOTHING = { name: "", view: null, refusal: "" };
-/** Reasons that do not concern the readings already received. */
+/** Codes of reasons on the link, which do not concern the readings already received. */
 const NOT_OF_READINGS = ["gone", "nothing-arrives", "not-recorded"];
 /** Matches a comment line of a preview. */
 const COMMENT = /^\s*(\/\*|\*|\/\/|#|--|%|;|$)/;
@@ -371,7 +371,7 @@ function counting(state) {
 }
 
 /**
- * Sentence on changes of the session since the calibration.
+ * Sentence on the session's changes since the calibration was made.
  * @param {State} state
  * @param {boolean} isMade
  */
@@ -381,7 +381,7 @@ function otherNow({ finished, opened }, isMade) {
 }
 
 /**
- * Whether a calibration misses the target so far that more readings are the first advice.
+ * Whether a calibration misses the target by so much that more readings are the first advice.
  * @param {State} state
  */
 function lacks({ phase }) {
@@ -431,7 +431,7 @@ export function judged(finished, state) {
     return { kind: misses ? "limited" : view.verdict, title: misses ? phrase("verdict.misses", "Misses the target") : title, words };
 }
 
-/** @returns {string} What to do before the first fit. */
+/** @returns {string} Instruction before the first fit. */
 function turnFirst() {
     return phrase("finish.turn-first", "turn the sensor through all directions; the first fit comes after some seconds");
 }
@@ -448,7 +448,7 @@ export function tiltText(deg) {
 /**
  * @param {string} number
  * @param {string} unit
- * @returns {string} Without a unit for a dash.
+ * @returns {string} The number with its unit; a dash without unit.
  */
 function withUnit(number, unit) {
     return number === "–" ? number : `${number} ${unit}`;

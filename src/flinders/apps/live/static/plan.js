@@ -1,4 +1,4 @@
-/** A small planner: from the body and the noise of its sensor to instructions and the error to expect. */
+/** A small planner: gives the turns and the expected heading error for a body and the noise of its sensor. */
 
 import { adopt, byId, element, Refusal } from "./dom.js";
 import { sentence } from "./views/words.js";
@@ -9,7 +9,7 @@ import { numeral, phrase, translateFixed } from "./language.js";
  * @typedef {object} PlannedRecording
  * @property {string} body
  * @property {number} noise  µT, 1 σ of each axis and reading
- * @property {string} verdict  to expect
+ * @property {string} verdict  expected verdict
  * @property {string} sentence
  * @property {string[]} steps  instructions
  */
