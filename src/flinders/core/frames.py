@@ -65,7 +65,7 @@ def with_columns(frame: Any, columns: Mapping[Any, Floats]) -> Any:  # noqa: ANN
 
 
 def labels_of(frame: Any) -> dict[str, Any]:  # noqa: ANN401
-    """Column names of a frame: as text, each with the frame's own label."""
+    """Labels of a frame's columns, by the text of each label."""
     if hasattr(frame, "collect_schema"):
         names = frame.collect_schema().names()
     elif (names := getattr(frame, "column_names", getattr(frame, "columns", None))) is None:
