@@ -234,10 +234,10 @@ def recorded_field(log: object) -> SiteField | None:
 
     Also None if the log's clock shows a year before 2010, because such a clock was never set.
     """
-    position, begun = getattr(log, "position", None), getattr(log, "begun", None)
-    if position is None or begun is None or not FIRST_CLOCK_YEAR <= begun.year < LAST_CLOCK_YEAR:
+    position, start_time = getattr(log, "position", None), getattr(log, "start_time", None)
+    if position is None or start_time is None or not FIRST_CLOCK_YEAR <= start_time.year < LAST_CLOCK_YEAR:
         return None
-    return site_field(position.latitude_deg, position.longitude_deg, position.altitude_m, year=decimal_year(begun))
+    return site_field(position.latitude_deg, position.longitude_deg, position.altitude_m, year=decimal_year(start_time))
 
 
 def parse_place(text: str) -> tuple[float, float, float]:

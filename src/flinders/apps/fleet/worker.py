@@ -307,7 +307,7 @@ def _log(part: FileSlice, options: Options, copies: contextlib.ExitStack) -> Seq
             axes=options.axes,
             as_logged=options.as_logged,
         )
-        begun = 0.0 if log.begun is None else log.begun.timestamp()
+        begun = 0.0 if log.start_time is None else log.start_time.timestamp()
         return [Job(name, recording, _first_block(each), 0, begun) for name, each in _instruments(log, unit, options)]
     except OutputError:  # no space for a copy, which is no fault of the file
         raise
