@@ -74,7 +74,7 @@ class Disagreement:
     length_error: float
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
+        """Values for JSON, by name."""
         return {name: getattr(self, name) for name in self.__slots__}
 
     def of_sensor(self, places: Mapping[int, int]) -> Self:

@@ -263,7 +263,7 @@ class LengthSums:
         return math.sqrt(max(self.squares / count - (self.total / count) ** 2, 0.0))
 
     def as_dict(self) -> dict[str, float]:
-        """JSON-ready."""
+        """Values for JSON, by name."""
         return {
             "strength": self.mean,  # mean length of corrected readings over the field strength
             "spread": self.spread,
@@ -277,7 +277,7 @@ class LengthSums:
 
 
 def _degrees(angle_deg: float) -> str:
-    """An angle of a table as text; 0° for rounding errors."""
+    """Write an angle for a table; an angle that is only a rounding error is 0°."""
     return f"{figures(angle_deg)}°" if angle_deg > 1e-6 else "0°"
 
 

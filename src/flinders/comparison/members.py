@@ -57,7 +57,7 @@ class Member:
         return self.rotation is not None and bool(np.linalg.det(self.rotation) < 0.0)
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
+        """Values for JSON, by name."""
         return {
             **json_attributes(
                 self, "rotation", "rotation_sigma_deg", "axes", "misalignment_deg", "length_ratio", "scatter_deg"

@@ -114,7 +114,7 @@ class RotationDifference:
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
+        """Values for JSON, by name."""
         return json_attributes(self, "vector_deg", "sigma_deg", "angle_deg", "p_value")
 
 

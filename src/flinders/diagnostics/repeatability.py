@@ -74,7 +74,7 @@ class Repeats:
         return min(self.parts, key=lambda part: (part.p_value, -part.difference_deg))
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
+        """Values for JSON, by name."""
         return {
             "p_value": self.p_value,
             "scatter_deg": self.scatter_deg,

@@ -24,7 +24,7 @@ class Refreshed:
     distortion: float = 0.0  # `Residuals.distortion` of the earlier calibration, as it is a property of the sensor
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
+        """Values for JSON, by name."""
         return {
             "previous": self.previous,
             "offset_change": self.offset_change.tolist(),

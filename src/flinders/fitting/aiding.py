@@ -270,7 +270,7 @@ class Aiding:
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
+        """Values for JSON, by name."""
         biases = ("gyro_bias", "gyro_bias_sigma", "acceleration_bias", "acceleration_bias_sigma")
         matrices = (
             "rotation", "rotation_covariance", "acceleration_matrix", "acceleration_matrix_sigma", "gyro_matrix",

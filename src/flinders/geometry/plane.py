@@ -180,7 +180,7 @@ class PlaneEllipse:
         return angles
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
+        """Values for JSON, by name."""
         return {
             "centre": self.centre.tolist(),
             "eigenvalues": self.eigenvalues.tolist(),
@@ -229,7 +229,7 @@ class Spacing:
         return self.cost_deg <= within_deg
 
     def as_dict(self) -> dict[str, float]:
-        """JSON-ready."""
+        """Values for JSON, by name."""
         return {
             "first_harmonic": self.first_harmonic,
             "second_harmonic": self.second_harmonic,
@@ -263,7 +263,7 @@ class Turn:
         return cls(plane, points, recipe, ellipse, Spacing.of(ellipse.angles(points)))
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
+        """Values for JSON, by name."""
         return {
             "plane": self.plane,
             "points": self.spacing.points,

@@ -208,7 +208,7 @@ class HeadingSums:
         return float(np.searchsorted(total, 0.95 * total[-1])) if total[-1] else 0.0
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
+        """Values for JSON, by name."""
         plain: dict[str, Any] = {"readings": self.readings, "without_heading": self.without_heading}
         if self.frames.readings:
             dip, scatter = self.frames.dip_deg

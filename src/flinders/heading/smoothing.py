@@ -57,7 +57,7 @@ MAX_CHI2: Final = 21.108
 """χ² with three degrees of freedom that is exceeded by chance with a probability of 0.01 %."""
 
 MAX_REJECTED: Final = 3
-"""Count of rejected readings, less the accepted ones meanwhile, at which the field counts as changed."""
+"""Count of rejected minus accepted readings, since the first rejected one, at which the field counts as changed."""
 
 INITIAL_INNOVATIONS, SCALE_INNOVATIONS = 11, 50
 """Count of innovations for the scale of the noise: of the first ones, which are all accepted, and later."""
@@ -436,7 +436,7 @@ class _Scale:
             self._count, self._square = INITIAL_INNOVATIONS, sorted(self._first)[INITIAL_INNOVATIONS // 2] / MEDIAN_CHI2
 
     def widen(self, square: float) -> None:
-        """Widen the scale so that a square as large as this is accepted."""
+        """Increase the scale so that it accepts a square as large as `square`."""
         self._square = max(self._square, square / 3.0)
 
 

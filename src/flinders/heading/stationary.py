@@ -70,7 +70,7 @@ class HalfTurn:
     sigma_deg: float  # 1 σ of `error_deg` from the noise of the readings
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
+        """Values for JSON, by name."""
         return {
             "first_deg": self.first.heading_deg,  # heading before the turn
             "second_deg": self.second.heading_deg,  # heading after the turn

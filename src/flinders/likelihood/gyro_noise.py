@@ -75,7 +75,10 @@ DIFFERENCE_STEP_RAD: Final = 1e-4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WalkStatistics:
-    """Second-order statistics of W windows of n readings, for a walk of 1 rad² per reading; letters as above."""
+    """Second-order statistics of W windows of n readings, for a walk of 1 rad² per reading.
+
+    Letters are those of the head of this module.
+    """
 
     rows: ObservationRows  # residuals and Jacobians of the windows
     own: Floats  # (W, n, k, 2): U, Jacobian of the residuals by the window's direction

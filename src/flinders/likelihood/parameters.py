@@ -149,7 +149,7 @@ class Parameters(Surface):
 
     @property
     def gyro(self) -> Floats:
-        """(9,) Γ and ψ."""
+        """(9,) parameters of the gyro's matrix: Γ, then ψ."""
         return np.concatenate([self.gyro_scale, self.gyro_turn])
 
     @property

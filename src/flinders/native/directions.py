@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class Directions(Library):
-    """Coverage of the sphere, guidance and paths over it."""
+    """Calls for the coverage of the sphere, for guidance, and for paths of turns."""
 
     def make_belief(self, centre: Floats, shape: Floats, covariance: Floats, noise: float, counts: Floats) -> Records:
         """Make a row of `BELIEF` from the claim of a fit, and (100,) counts of its readings by cell of the sphere."""

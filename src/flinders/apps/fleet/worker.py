@@ -40,7 +40,7 @@ from flinders.apps.fleet.results import VERDICTS, UnitResult, UnitResults, needs
 from flinders.apps.fleet.storage import StoredFile
 from flinders.apps.fleet.unreadable import Unreadable, UnreadableGroups
 from flinders.core.axes import Axes
-from flinders.core.frames import hands_out_columns, is_frame
+from flinders.core.frames import has_columns, is_frame
 from flinders.core.keywords import check_keywords
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
@@ -199,7 +199,7 @@ def _open_in_memory(table: Any, options: Options) -> tuple[KeyedTable | KeyedFra
     try:
         arrow = needs_arrow()
     except MissingExtra:
-        if not hands_out_columns(table):
+        if not has_columns(table):
             raise
         frame = KeyedFrame.of(table, options)
         return frame, frame.rows
