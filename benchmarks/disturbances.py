@@ -398,7 +398,7 @@ def _onboard_row(samples: Samples, board: Calibration) -> str:
     carried = np.hstack([np.eye(3), np.zeros((3, 6)), drawn * np.eye(3)])
     sigma = np.sqrt(np.diag(carried @ fit.evidence.disturbances.covariance @ carried.T))
     offset = fit.calibration.at(current=drawn).offset
-    leaning = np.sqrt(np.diag(fit_disturbances([samples], ("current",)).leaning)[:3])
+    leaning = np.sqrt(np.diag(fit_disturbances([samples], ("current",)).leverage_covariance)[:3])
     return " | ".join(
         ", ".join(f"{value:.2f}" for value in values) for values in (offset, sigma, board.offset - offset, leaning)
     )

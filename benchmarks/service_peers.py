@@ -397,7 +397,7 @@ class Kalman:
     (EKF2_MAG_GATE), at most 15 readings a second (EKF2_MAG_RATE; from ``params_magnetometer.yaml``; that the noise is
     one of steps of 10 ms is from memory). D walks by 10⁻⁴/√h. It starts from the first fit, with σ of 5 µT and 2 %, and
     restarts if an entry of D exceeds 0.2: level turns alone have a second solution, I + D = 0 and |b| = F.
-    F is 50 µT. The claim is that of its covariance. Ten readings are linearised at once.
+    F is 50 µT. The claim is that of its covariance. Ten readings are linearized at once.
     """
 
     NOISE_UT, WALK_UT, SHAPE_WALK, GATE, LARGEST = 5.0, 0.06, 1e-4, 3.0, 0.2

@@ -159,7 +159,7 @@ def disagreements_table(trials: int) -> Iterator[str]:
                 fields = true.fields.copy()
                 fields[1] += np.outer(during, strength * direction / np.linalg.norm(direction))
                 found = fit_sensors(fields)
-                seen = np.stack([found.corrected(i, field) for i, field in enumerate(fields)])
+                seen = np.stack([found.correct(i, field) for i, field in enumerate(fields)])
                 runs = disagreements(seen, moments)
                 hits = [run for run in runs if run.start_s < 16.0 and run.end_s > 12.0] if strength else []
                 seen_runs += bool(hits)

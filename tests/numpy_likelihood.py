@@ -209,9 +209,9 @@ class NumpyLikelihood:
         return None
 
     def _seen(self, blocks: Iterable[Floats], ellipsoid: Ellipsoid, some: _Some, *, sound: bool = False) -> _Posterior:
-        """Linearise the likelihood and the prior at an ellipsoid."""
-        linearised = magnitude.equations if self.bias_correction else exact_equations
-        likelihood = linearised(blocks, ellipsoid)
+        """Linearize the likelihood and the prior at an ellipsoid."""
+        linearized = magnitude.equations if self.bias_correction else exact_equations
+        likelihood = linearized(blocks, ellipsoid)
         believed = NormalEquations.empty()
         if self.prior is not None:
             believed = prior.equations(ellipsoid, spread=self.prior) + prior.plausibility_equations(
@@ -296,7 +296,7 @@ class _Posterior:
     Attributes
     ----------
     ellipsoid : Ellipsoid
-        Where they were linearised.
+        Where they were linearized.
     likelihood : NormalEquations
         Of the readings, in their unit.
     prior : NormalEquations

@@ -43,18 +43,18 @@ def aged(record: Records, parameters: Floats, seconds: float, covariance: Floats
     """(9, 9) covariance after some time: the offset walks at one of seven rates, the shape at a fixed one."""
     hours, size = max(seconds, 0.0) / HOUR_S, radius(parameters)
     walk = float(record["rates"] @ rates() ** 2)
-    shape = constant("SHAPE_WALK") ** 2
+    shape = constant("SHAPE_WALK_SIGMA") ** 2
     added = np.array([walk] * 3 + [shape] * 3 + [shape / 2.0] * 3)
     return np.asarray(covariance + np.diag(added * size**2 * hours))
 
 
 def unseen_moves(record: Records, seconds: float) -> float:
     """Variance of the offset along each axis by moves while nothing was read."""
-    if not seconds > constant("UNSEEN_S"):
+    if not seconds > constant("MAX_WATCHED_GAP_S"):
         return 0.0
-    before, day = constant("MOVES_BEFORE"), constant("MOVES_DAY")
+    before, day = constant("PRIOR_MOVES_PER_DAY"), constant("PRIOR_MOVES_DAYS")
     a_day = (before * day + record["moves"]) / (day + record["watched"] / DAY_S)
-    size = constant("MOVED") * radius(record["latest"])
+    size = constant("PRIOR_MOVE_SIZE") * radius(record["latest"])
     square = (size**2 + record["moves_square"]) / (1.0 + record["moves"])
     return float(a_day * seconds / DAY_S * square / 3.0)
 
@@ -81,14 +81,14 @@ def weighed_rates(record: Records, off: Floats, covariance: Floats, seconds: flo
         total = covariance + variance * np.eye(3)
         log_density.append(-(off @ np.linalg.solve(total, off)) / 2.0 - np.linalg.slogdet(total)[1] / 2.0)
     before = record["probable_rates"]
-    weights = (record["rates"] / before) ** constant("REMEMBERED") * before * np.exp(np.array(log_density))
+    weights = (record["rates"] / before) ** constant("MEMORY_EXPONENT") * before * np.exp(np.array(log_density))
     return np.asarray(weights / weights.sum())
 
 
 def expected_rates(size: float, walk: float, log_sigma: float) -> Floats:
     """(7,) probabilities of the rates where one is known: Student's distribution of their logarithm."""
     freedom = constant("RATE_FREEDOM")
-    scale = math.hypot(log_sigma, constant("BETWEEN_RATES"))
+    scale = math.hypot(log_sigma, constant("RATE_SPACING_SIGMA"))
     off = np.log(rates() * size / walk) / scale
     weights = (1.0 + off**2 / freedom) ** (-(freedom + 1.0) / 2.0)
     return np.asarray(weights / weights.sum())
@@ -99,9 +99,10 @@ def claimed(record: Records, time: float) -> Floats:
     latest, now = record["latest"], float(record["now"])
     covariance = aged(record, latest, time - float(record["latest_at"]), record["latest_covariance"].reshape(9, 9))
     covariance[:3, :3] += unseen_moves(record, time - now) * np.eye(3)
-    covariance[:3, :3] += constant("EITHER") * np.outer(record["apart"], record["apart"])
+    covariance[:3, :3] += constant("CHANGE_PROBABILITY") * np.outer(record["apart"], record["apart"])
     covariance[:3, :3] += record["apart_covariance"].reshape(3, 3)
     if record["moved_at"] <= time:
-        back = constant("BACK") * math.exp(-(time - float(record["moved_at"])) / constant("BACK_S"))
+        elapsed = time - float(record["moved_at"])
+        back = constant("REVERSAL_PROBABILITY") * math.exp(-elapsed / constant("REVERSAL_TIME_S"))
         covariance[:3, :3] += back * np.outer(record["moved"], record["moved"])
     return np.asarray(covariance + np.outer(record["in_force"] - latest, record["in_force"] - latest))

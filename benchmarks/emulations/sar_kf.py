@@ -3,7 +3,7 @@
     d/dt (x, b) = [[−W, W], [0, 0]] (x, b),     y = x + n,     W = [ω]×           (section IV.B)
 
 Over a step with a constant rate, x⁺ = E x + (1 − E) b with E = exp(−W Δt), exactly. The model is linear in the state,
-so no linearisation is needed. Noise of the gyro moves x by σ_g Δt across x − b in each step, with the b of that step.
+so no linearization is needed. Noise of the gyro moves x by σ_g Δt across x − b in each step, with the b of that step.
 The filter starts from the first reading and the mean of all, the latter with the spread of the readings as uncertainty.
 Its state has neither soft iron nor a gyro bias.
 

@@ -50,7 +50,7 @@ def alone(record: Records) -> tuple[np.ndarray, np.ndarray]:
     free = record["latest_covariance"].reshape(9, 9).copy()
     free[3:, 3:] += record["place"] ** 2 * np.outer(expected[3:], expected[3:])
     free[:3], free[:, :3] = 0.0, 0.0
-    free[:3, :3] = (oracle.constant("ANYWHERE") * size) ** 2 * np.eye(3)
+    free[:3, :3] = (oracle.constant("OPEN_OFFSET_SIGMA") * size) ** 2 * np.eye(3)
     prior = np.linalg.inv(free)
     field = record["field"].reshape(-1, 3)[:kept]
     known: dict[str, Any] = {"is_informed": 1, "expected": expected, "information": prior.ravel()}
@@ -86,7 +86,7 @@ def test_a_block_that_ends_is_weighed_and_kept_open() -> None:
     weighed["rates"] = record["rates"]
     prior = oracle.aged(weighed, before["known"], seconds, known)
     latest = before["latest_covariance"].reshape(9, 9)
-    expected = oracle.kept_open(prior, oracle.constant("SAME"), latest)
+    expected = oracle.kept_open(prior, oracle.constant("PLACE_VARIANCE_SHARE"), latest)
     expected[:3, :3] += oracle.unseen_moves(weighed, 300.0) * np.eye(3)
     close(record["known_covariance"].reshape(9, 9), expected)
     npt.assert_array_equal(record["known"], before["latest"])

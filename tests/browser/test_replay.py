@@ -71,10 +71,10 @@ def test_a_log_played_back_gives_the_calibration_of_the_command_line(
 def place_and_day(log: Path) -> list[str]:
     """Options that state what a log says of where and when it was made."""
     made = open_log(log)
-    if made.position is None or made.begun is None:
+    if made.position is None or made.start_time is None:
         return []
     place = (made.position.latitude_deg, made.position.longitude_deg, made.position.altitude_m)
-    return ["--at", ",".join(map(str, place)), "--date", made.begun.date().isoformat()]
+    return ["--at", ",".join(map(str, place)), "--date", made.start_time.date().isoformat()]
 
 
 def _judged_at(fit: Fitted) -> tuple[float | None, bool]:

@@ -152,7 +152,7 @@ def test_the_clock_of_a_log_is_believed_from_2010_on() -> None:
     """One that was never set, or has rolled over, shows an earlier year."""
     place = SimpleNamespace(latitude_deg=47.0, longitude_deg=8.0, altitude_m=0.0)
     for year, is_known in ((1980, False), (2005, False), (2010, True), (2029, True)):
-        log = SimpleNamespace(position=place, begun=datetime.datetime(year, 1, 6, tzinfo=datetime.UTC))
+        log = SimpleNamespace(position=place, start_time=datetime.datetime(year, 1, 6, tzinfo=datetime.UTC))
         assert (recorded_field(log) is not None) is is_known
 
 

@@ -51,7 +51,7 @@ def shape_of(true: Simulated) -> Floats:
 def heading_error_deg(found: AidedFit, true: Simulated) -> float:
     """Rms over a level turn, its mean removed."""
     _, fields = level_turn(DIP_DEG)
-    corrected = found.corrected(true.sensor.offset + fields.T @ shape_of(true).T).T
+    corrected = found.correct(true.sensor.offset + fields.T @ shape_of(true).T).T
     error = np.exp(1j * (np.arctan2(-corrected[1], corrected[0]) - np.arctan2(-fields[1], fields[0])))
     return float(np.rad2deg(np.sqrt(np.mean(np.angle(error / error.mean()) ** 2))))
 

@@ -495,7 +495,8 @@ def test_a_claim_that_leans_on_one_reading_says_so(trials: Choose) -> None:
         assert fit.evidence.disturbances.covariance is not None
         square = (fit.calibration.offset[2] - sensor.offset[2]) ** 2
         claimed.append(square / fit.evidence.disturbances.covariance[2, 2])
-        leant.append(square / (fit.evidence.disturbances.covariance[2, 2] - found.leaning[2, 2]))
+        leant.append(square / (fit.evidence.disturbances.covariance[2, 2] - found.leverage_covariance[2, 2]))
     assert np.mean(leant) > 10.0
     assert np.mean(claimed) < 4.0
-    assert not fit_disturbances([simulate.tumble(seed=1, disturbances=[MOTORS]).samples], ("current",)).leaning.any()
+    plain = fit_disturbances([simulate.tumble(seed=1, disturbances=[MOTORS]).samples], ("current",))
+    assert not plain.leverage_covariance.any()

@@ -42,7 +42,7 @@ def test_scales_that_run_away_are_held(seed: int) -> None:
     """In coordinated turns a vertical that leans makes a gyro that hardly turns likely: 1,000 µT of offset error."""
     flight = simulate.tumble(seed=seed, motion="flight", n=1500)
     found = fit_aided(flight.samples, ("rate", "dip"))
-    assert found.scales_off > MAX_SCALE_SIGMAS * SCALE_SIGMA
+    assert found.gyro_scale_error > MAX_SCALE_SIGMAS * SCALE_SIGMA
     assert "gyro_scale" not in found.layout
     error = np.abs(found.parameters.offset - flight.sensor.offset)
     assert float(error.max()) < 2.0

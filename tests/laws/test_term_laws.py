@@ -156,8 +156,8 @@ def test_elimination_leaves_what_the_whole_system_says(seed: int) -> None:
 def test_the_order_of_windows_does_not_matter() -> None:
     readings, at = group(1), somewhere(1)
     directions = readings.guess(at)
-    whole = readings.linearise(at, directions, LAYOUT, WEIGHTS)
-    parts = [readings.chunk(slice(i, i + 1)).linearise(at, directions[i : i + 1], LAYOUT, WEIGHTS) for i in range(3)]
+    whole = readings.linearize(at, directions, LAYOUT, WEIGHTS)
+    parts = [readings.chunk(slice(i, i + 1)).linearize(at, directions[i : i + 1], LAYOUT, WEIGHTS) for i in range(3)]
     npt.assert_allclose(sum(part.matrix for part in parts), whole.matrix, atol=1e-6 * np.abs(whole.matrix).max())
     assert sum(part.cost for part in parts) == pytest.approx(whole.cost)
     assert readings.cost(at, directions, WEIGHTS) == pytest.approx(whole.cost)

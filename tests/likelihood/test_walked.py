@@ -54,9 +54,9 @@ def test_the_mean_gradient_of_a_gyro_s_noise_is_that_of_its_draws(is_upright: bo
         turned = gyro.integrate_rates(rate + noise / EACH_S, interval, at.gyro_bias, at.gyro)
         noisy, towards = replace(group, turned=turned), directions
         for _ in range(3):
-            part = noisy.linearise(at, towards, layout, weights)
+            part = noisy.linearize(at, towards, layout, weights)
             towards = part.follow(towards, np.zeros(layout.size))
-        return noisy.linearise(at, towards, layout, weights).gradient
+        return noisy.linearize(at, towards, layout, weights).gradient
 
     noise = STEP * rng.normal(size=(DRAWS, 2, 12, 3))
     pairs = np.array([0.5 * (gradient(one) + gradient(-one)) for one in noise])

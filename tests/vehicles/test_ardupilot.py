@@ -553,7 +553,7 @@ def test_place_date_and_firmware(tmp_path: Path) -> None:
     assert found.position is not None
     assert (round(found.position.latitude_deg, 6), round(found.position.longitude_deg, 6)) == (-35.362259, 149.165871)
     assert found.position.altitude_m == 597.0
-    assert found.begun == datetime(2024, 2, 5, 0, 0, 1, tzinfo=UTC)
+    assert found.start_time == datetime(2024, 2, 5, 0, 0, 1, tzinfo=UTC)
     assert_sentences(found.notes)
 
 
@@ -608,7 +608,7 @@ def test_old_logs_have_a_name_for_each_compass_and_milliseconds(tmp_path: Path) 
     )
     assert all_of(found.instruments[0], "time")[0] == pytest.approx(11.477)
     assert found.position is None
-    assert found.begun is None
+    assert found.start_time is None
     assert_sentences(found.notes)
 
 
@@ -632,7 +632,7 @@ def test_a_log_as_text_is_the_same_log(tmp_path: Path) -> None:
         assert str(one).split(":", 1)[1] == str(other).split(":", 1)[1]
         for column in ("field", "time", "acceleration", "rate", "current"):
             npt.assert_allclose(all_of(one, column), all_of(other, column), rtol=1e-6, atol=1e-9)
-    assert (listed.begun, listed.notes) == (binary.begun, binary.notes)
+    assert (listed.start_time, listed.notes) == (binary.start_time, binary.notes)
     assert listed.position is not None
     assert binary.position is not None
     assert listed.position.latitude_deg == pytest.approx(binary.position.latitude_deg, abs=1e-9)
@@ -775,8 +775,8 @@ def test_three_compasses_of_a_quadcopter_and_what_was_in_force(recordings: Calla
     npt.assert_allclose(level, [-0.07, -0.63, -9.58], atol=0.05)  # z down: −g on z
     assert log.position is not None
     assert (log.position.latitude_deg, log.position.longitude_deg) == pytest.approx((-35.362259, 149.165871), abs=2e-4)
-    assert log.begun is not None
-    assert log.begun.date().isoformat() == "2015-11-21"
+    assert log.start_time is not None
+    assert log.start_time.date().isoformat() == "2015-11-21"
     assert_sentences(log.instruments[0].notes[0])
     assert_sentences(log.instruments[1].notes[0])
     assert_sentences(log.instruments[2].notes)

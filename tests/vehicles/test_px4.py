@@ -190,7 +190,7 @@ def test_an_old_log_comes_back_on_the_steps_of_its_sensor(recordings: Callable[[
     """6,759 readings of 2016: turned by the trim of the board x has 1,889 values; un-applied, 90."""
     log = real(recordings("px4_pyulog_auavx21/sample.ulg"))
     (compass,) = log.instruments
-    assert (compass.readings, compass.unit.name, log.position, log.begun) == (6759, "G", None, None)
+    assert (compass.readings, compass.unit.name, log.position, log.start_time) == (6759, "G", None, None)
     assert compass.stored is not None
     assert_sentences(compass.stored.words)
     (logged,), (raw,) = rows(compass, as_logged=True), rows(compass)
@@ -219,8 +219,8 @@ def test_a_log_of_1_11_comes_back_on_the_steps_of_its_sensor(recordings: Callabl
     assert log.position is not None
     assert (log.position.latitude_deg, log.position.longitude_deg) == pytest.approx((63.417062, 10.408215))
     assert log.position.altitude_m == pytest.approx(66.8, abs=0.1)
-    assert log.begun is not None
-    assert f"{log.begun:%Y-%m-%d %H:%M}" == "2021-04-21 06:30"
+    assert log.start_time is not None
+    assert f"{log.start_time:%Y-%m-%d %H:%M}" == "2021-04-21 06:30"
     assert_sentences(log.notes)
 
 
@@ -502,8 +502,8 @@ def test_what_the_vehicle_steered_by_is_un_applied_with_the_parameters_of_its_de
     ]  # fmt: skip
     assert log.position is not None
     assert (log.position.latitude_deg, log.position.altitude_m) == (-35.0, 600.0)
-    assert log.begun is not None
-    assert log.begun.timestamp() == pytest.approx(1_700_000_000)
+    assert log.start_time is not None
+    assert log.start_time.timestamp() == pytest.approx(1_700_000_000)
 
 
 def _whole(value: float) -> float:

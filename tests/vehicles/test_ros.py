@@ -187,8 +187,8 @@ def check_boat(log: Log) -> None:
     assert_sentences(boat.notes)
     assert log.position is not None
     assert (log.position.latitude_deg, log.position.longitude_deg, log.position.altitude_m) == (59.3, 18.1, 12.0)
-    assert log.begun is not None
-    assert log.begun.timestamp() == 1_700_000_000
+    assert log.start_time is not None
+    assert log.start_time.timestamp() == 1_700_000_000
 
 
 # what is read
@@ -277,7 +277,7 @@ def test_a_clock_of_a_simulation_is_left_alone(tmp_path: Path) -> None:
     rows = [("/mag", ros.FIELD, BEGUN, messages.make(ros.FIELD, 7 * 10**9, "", (1e-5, 0.0, 4e-5)))]
     log = opened(second(tmp_path, rows=rows))
     close(only(log.instruments[0]).time, [7.0])
-    assert log.begun is None
+    assert log.start_time is None
 
 
 def test_an_imu_that_has_no_acceleration_says_so_by_its_covariance(tmp_path: Path) -> None:

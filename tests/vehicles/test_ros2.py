@@ -169,7 +169,7 @@ def test_a_minute_at_100_hz_loses_nothing(driver: Driver, tmp_path: Path) -> Non
 
 def test_an_imu_of_the_same_frame_stands_beside_the_readings(driver: Driver, tmp_path: Path) -> None:
     driver.do("publish", topic="/imu/data", kind="Imu_")
-    opened = feeds.opened(MAG, "imu/data")
+    opened = feeds.open_feed(MAG, "imu/data")
     motions = np.column_stack([readings(40), 0.01 * readings(40)])
     driver.do("send", topic="/imu/data", rows=motions.tolist(), rate_hz=1000.0, start_ns=START_NS)
     driver.do("send", topic=MAG, rows=in_tesla(readings(40)), rate_hz=1000.0, start_ns=START_NS)
@@ -193,7 +193,7 @@ def test_a_topic_that_is_not_there_is_answered_with_those_that_are(driver: Drive
 def test_a_topic_of_another_type_is_refused_with_its_type(driver: Driver) -> None:
     driver.do("publish", topic="/imu/data", kind="Imu_")
     with pytest.raises(LinkError, match=r"sensor_msgs/msg/Imu.*/imu/mag"):
-        feeds.opened("/imu/data")
+        feeds.open_feed("/imu/data")
 
 
 def test_no_publisher_at_all_is_answered_with_what_has_to_be_the_same(
@@ -201,7 +201,7 @@ def test_no_publisher_at_all_is_answered_with_what_has_to_be_the_same(
 ) -> None:
     monkeypatch.setattr("flinders.apps.vehicles.ros2.participant.DISCOVERY_S", 0.1)
     with pytest.raises(LinkError, match=r"ROS_DOMAIN_ID.*multicast.*CYCLONEDDS_URI"):
-        feeds.opened(MAG)
+        feeds.open_feed(MAG)
 
 
 def test_a_network_that_cannot_be_used_is_said(domain: int, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -214,12 +214,12 @@ def test_a_missing_package_is_named_with_its_extra(monkeypatch: pytest.MonkeyPat
     for name in ("cyclonedds", "cyclonedds.domain"):
         monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(MissingExtra, match="pip install cyclonedds"):
-        feeds.opened(MAG)
+        feeds.open_feed(MAG)
 
 
 def test_a_topic_that_repeats_one_reading_is_said_once(driver: Driver, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(feeds, "MIN_REPEAT_S", 0.05)
-    opened = feeds.opened(MAG)
+    opened = feeds.open_feed(MAG)
     rows = in_tesla(readings(1)) * 250 + in_tesla(readings(2))
     driver.tell("send", topic=MAG, rows=rows, rate_hz=800.0, start_ns=START_NS)
     samples, events = take(opened, lambda samples, _: sum(map(len, samples)) == 252)
@@ -228,7 +228,7 @@ def test_a_topic_that_repeats_one_reading_is_said_once(driver: Driver, monkeypat
 
 
 def test_readings_without_an_axis_are_left_out_and_told(driver: Driver) -> None:
-    opened = feeds.opened(MAG)
+    opened = feeds.open_feed(MAG)
     rows = [[1e-6, 2e-6, float("nan")]] * 30 + in_tesla(readings(1))
     driver.tell("send", topic=MAG, rows=rows, rate_hz=800.0, start_ns=START_NS)
     samples, events = take(opened, lambda samples, _: bool(samples))
@@ -237,11 +237,11 @@ def test_readings_without_an_axis_are_left_out_and_told(driver: Driver) -> None:
 
 def test_a_driver_that_writes_microtesla_is_told_and_read_with_its_unit(driver: Driver) -> None:
     rows = readings(60)
-    opened = feeds.opened(MAG)
+    opened = feeds.open_feed(MAG)
     driver.tell("send", topic=MAG, rows=rows.tolist(), rate_hz=800.0, start_ns=START_NS)
     _, events = take(opened, lambda samples, _: sum(map(len, samples)) == 60)
     assert kinds(events) == ["connected", "unclear"]
-    named = feeds.opened(MAG, unit="uT")
+    named = feeds.open_feed(MAG, unit="uT")
     driver.tell("send", topic=MAG, rows=rows.tolist(), rate_hz=800.0, start_ns=START_NS, matched=2)
     samples, events = take(named, lambda samples, _: sum(map(len, samples)) == 60)
     npt.assert_array_equal(np.concatenate([each.field for each in samples]), rows)
@@ -249,7 +249,7 @@ def test_a_driver_that_writes_microtesla_is_told_and_read_with_its_unit(driver: 
 
 
 def test_a_publisher_that_dies_is_gone_and_another_is_it_again(driver: Driver, domain: int) -> None:
-    opened = feeds.opened(MAG)
+    opened = feeds.open_feed(MAG)
     driver.do("send", topic=MAG, rows=in_tesla(readings(5)), rate_hz=400.0, start_ns=START_NS)
     take(opened, lambda samples, _: sum(map(len, samples)) == 5)
     driver.process.kill()

@@ -99,7 +99,7 @@ def test_telemetry_of_ardupilot_is_un_applied_with_the_parameters_it_holds(first
     ]  # fmt: skip
     assert found.position is not None
     assert found.position.altitude_m == 488.0
-    assert found.begun == datetime(2026, 3, 1, 12, 0, 0, 200_000, tzinfo=UTC)
+    assert found.start_time == datetime(2026, 3, 1, 12, 0, 0, 200_000, tzinfo=UTC)
 
 
 @pytest.mark.parametrize("by", ["satellites", "estimate"])

@@ -387,7 +387,7 @@ def recorded_at(recording: object) -> datetime | None:
 
     from flinders.core.geomag import FIRST_CLOCK_YEAR, LAST_CLOCK_YEAR
 
-    begun: datetime | None = getattr(recording, "begun", None)
+    begun: datetime | None = getattr(recording, "start_time", None)
     if begun is None and (start := clock_start(recording)) > 0.0:
         begun = datetime.fromtimestamp(round(start), UTC)
     if begun is None or not FIRST_CLOCK_YEAR <= begun.year < LAST_CLOCK_YEAR:

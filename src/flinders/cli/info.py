@@ -91,5 +91,5 @@ def _site(log: Log, place: option.Place) -> SiteField | None:
     """The field at the given place, on the day of the log."""
     if place.place is None:
         return None
-    day = place.date or (log.begun.date().isoformat() if log.begun else None)
+    day = place.date or (log.start_time.date().isoformat() if log.start_time else None)
     return site_of(place.place, day, model=place.model)

@@ -1,1 +1,1 @@
-"""Comparison of two or more calibrations, merging, cross-validation, and joint fits of the sensors of one body."""
+"""Comparison and merging of calibrations, cross-validation of methods, and joint fits of several magnetometers."""

@@ -1,10 +1,10 @@
 """Comparison of several compasses of one body: which one deviates, when, and by how much.
 
-All corrected readings are of one field in common axes. They are averaged over about 1 s, and the difference of the
-means of each pair is compared with the usual difference of that pair. A sensor deviates if it is far from more than
-half of the others while those agree. So with three or more sensors the majority decides, unless the lengths of the
-majority have changed and that of the other has not. With two sensors it is unknown which one is wrong, unless the
-length of one has changed and that of the other has not.
+All compasses measure one field, and their corrected readings are in common axes. Readings are averaged over about 1 s,
+and the difference of the means of each pair is compared with the usual difference of this pair. A sensor deviates if it
+is far from more than half of the others while those agree. So with three or more sensors the majority decides. An
+exception is a majority whose readings have changed in length while those of the other sensor have not. With two sensors
+it is unknown which one is wrong, unless only one of both has changed in length.
 
 A difference d, as a share of the field, changes a level heading by up to asin(d / cos I) at the dip I.
 
@@ -42,20 +42,20 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 BLOCK_S: Final = 1.0
-"""Duration over which readings are averaged before the comparison."""
+"""Duration in s over which readings are averaged before the comparison."""
 
 MIN_READINGS: Final = 5
 """Smallest count of readings in an average."""
 
 MIN_UNUSUAL_RATIO: Final = 4.0
-"""Smallest ratio of an unusual difference of a pair, or of a length, to the usual one."""
+"""Smallest ratio of an unusual difference of a pair, or of an unusual change of length, to the usual one."""
 
 
 MEDIAN_LENGTH: Final = 1.538
-"""Median length of three independent components with a standard deviation of 1."""
+"""Median length of a vector of three independent normal components with a standard deviation of 1."""
 
 MEDIAN_CHANGE: Final = 0.6745
-"""Median absolute value of one component."""
+"""Median absolute value of one normal component with a standard deviation of 1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,18 +63,18 @@ class Disagreement:
     """A stretch of time in which a sensor disagrees with the others."""
 
     sensor: int | None  #: index of the deviating sensor; None if unknown
-    is_by_length: bool  #: whether the length of its readings shows it, not the other sensors
+    is_by_length: bool  #: whether the length of its readings shows that it deviates, instead of the other sensors
     first: int  #: index of the first reading
     last: int  #: index of the last reading
     start_s: float  #: time of the first reading
     end_s: float  #: time of the last reading
-    angle_deg: float  #: largest angle between its direction and that of the others, averaged over 1 s
-    heading_deg: float  #: largest possible level heading error from it
-    #: largest error of the length of its readings, as a share of the field; positive if too long
+    angle_deg: float  #: largest angle between the sensor's direction and that of the others, averaged over 1 s
+    heading_deg: float  #: largest possible level heading error from the disagreement
+    #: largest error of the length of the sensor's readings, as a share of the field; positive if too long
     length_error: float
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
+        """Values for JSON, by name."""
         return {name: getattr(self, name) for name in self.__slots__}
 
     def of_sensor(self, places: Mapping[int, int]) -> Self:
@@ -88,7 +88,9 @@ class Disagreement:
 
 
 def heading_deg(difference: float, dip_deg: float) -> float:
-    """Largest level heading error from a difference, as a share of the field; 180 if it exceeds the horizontal field.
+    """Largest level heading error in degrees from a `difference` of fields, as a share of the field.
+
+    180° if the difference exceeds the horizontal field.
 
     >>> round(heading_deg(0.1, 60.0), 1), heading_deg(0.6, 60.0)
     (11.5, 180.0)
@@ -128,14 +130,14 @@ def disagreements(
 def usual_scatter(seen: Floats, directions: Floats, time: Floats) -> Floats:
     """(m,) usual standard deviation of a component of readings averaged over 1 s, as a share of the field.
 
-    It comes from the median, so that a stretch in which a sensor deviates has no effect.
+    It is estimated by the median, so that a stretch in which a sensor deviates has no effect.
 
     Parameters
     ----------
     seen : (m, N, 3) float
         As for `disagreements`.
     directions : (N, 3) float
-        Common direction of the field, that all sensors agree with best.
+        Common direction of the field at each time.
     time : (N,) float, s
     """
     edges = _edges(time)
@@ -146,7 +148,7 @@ def usual_scatter(seen: Floats, directions: Floats, time: Floats) -> Floats:
 def length_scatter(seen: Floats, time: Floats) -> Floats:
     """(m,) usual standard deviation of the length of readings averaged over 1 s, as a share of the field.
 
-    With separate calibrations of the sensors it depends on no other sensor.
+    If each sensor is calibrated separately, the result for one sensor does not depend on the others.
 
     Parameters
     ----------
@@ -176,7 +178,7 @@ def _edges(time: Floats) -> NDArray[np.intp]:
 
 
 def _means(values: Floats, edges: NDArray[np.intp]) -> Floats:
-    """(..., K, c) means of (..., N, c) over blocks, of finite values; NaN with too few."""
+    """(..., K, c) means of the finite values of (..., N, c) over K blocks; NaN for a block with too few values."""
     there = np.isfinite(values)
     total = np.add.reduceat(np.where(there, values, 0.0), edges[:-1], axis=-2)
     count = np.add.reduceat(there.astype(float), edges[:-1], axis=-2)
@@ -221,9 +223,13 @@ def _has_changed_nearby(differ: NDArray[np.bool_], lengths: Floats, limit: float
 def _deviating_sensors(
     differ: NDArray[np.bool_], apart: Floats, lengths: Floats, block: int, limit: float, has_changed: NDArray[np.bool_]
 ) -> tuple[tuple[int | None, bool], ...]:
-    """Deviating sensors of a block: those far from most others, else one with a changed length, else None."""
-    # If the lengths of these few never changed and those of all others did, the others deviate: iron near two of three
-    # sensors affects both alike. Without a majority, two or more that agree with unchanged lengths count as one.
+    """Deviating sensors of a block: those far from most others, else one with a changed length, else None.
+
+    Each has a flag, whether its length shows the deviation.
+    """
+    # If the lengths of the deviating sensors never changed, but those of all others did, the others deviate: iron near
+    # two of three sensors affects both alike. Without a majority, two or more sensors that agree and have unchanged
+    # lengths count as the majority.
     if not differ.any():
         return ()
     sensors = len(differ)

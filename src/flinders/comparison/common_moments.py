@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from flinders.estimators import Estimate
 
 MAX_COPY_NOISE_RATIO: Final = 0.1
-"""Largest residual of an affine map between readings of two sensors, over their noise, if they are of one sensor."""
+"""Largest ratio to the noise of the residual of an affine map between two sensors, if one repeats the other."""
 
 
 def require_reference(sources: Mapping[str, Recording], reference: str | None, field_strength: float | None) -> str:
@@ -78,7 +78,10 @@ def pair_readings(samples: Sequence[Samples], reference: int) -> AlignedReadings
 
 
 def find_copies(fields: Floats, starts: Sequence[Estimate | None], reference: int) -> dict[int, int]:
-    """Original of each sensor that repeats the readings of another, rotated and scaled; never for the reference."""
+    """Find sensors that repeat the readings of another sensor, rotated and scaled: index of the original by index.
+
+    The reference is never regarded as a copy.
+    """
     order = [reference, *(place for place in range(len(fields)) if place != reference)]
     copies: dict[int, int] = {}
     for rank, place in enumerate(order):

@@ -66,31 +66,32 @@ MAX_ROUNDING_DEG: Final = 1e-6
 class Comparison:
     """Differences of two calibrations, b minus a, and their standard deviations by both claims."""
 
-    heading_difference_deg: HeadingError  #: of a level vehicle: rms over 72 headings and the worst, the mean removed
+    #: difference in heading of a level vehicle without its mean: rms over 72 headings, and the worst
+    heading_difference_deg: HeadingError
     heading_mean_deg: float  #: mean heading difference, which has the effect of a rotated mounting
-    #: 1 σ of the heading difference by both covariances; None if neither states one
+    #: 1 σ of the heading difference by the claims of both; None if neither states a covariance
     claimed_deg: HeadingError | None
-    #: bound of the heading difference at all headings, with a probability of 95 %; None if neither states a covariance
+    #: 95 % bound of the heading difference over all headings, by both claims; None if neither states a covariance
     claimed_bound_deg: float | None
-    own_bounds_deg: tuple[float, float] | None  #: the same bound for the claims of a and of b alone
+    own_bounds_deg: tuple[float, float] | None  #: 95 % bounds by the claim of a alone, and by the claim of b alone
     #: angle between the corrected fields, rms over 400 directions spread evenly over the sphere
     direction_difference_deg: float
     offset_difference: Floats  #: (3,), in `unit`
     offset_sigma: Floats | None  #: (3,), in `unit`: 1 σ of the offset difference, by both claims
-    #: in `unit`: common radius to which both are scaled; reference of `offset_share`
+    #: in `unit`: common radius to which both ellipsoids are scaled; `offset_share` is relative to it
     field_strength: float
     scale_difference: float  #: radius of b over that of a, minus one; for one field strength if `is_scale_known`
     #: whether both have a known field strength. If not, the scale depends on two unknown fields, and only
     #: `scale_difference` includes it.
     is_scale_known: bool
-    chi_square: float | None  #: of the difference in offset and shape, against the sum of the covariances
-    #: its degrees of freedom: the rank of that sum, 9, or 8 without the scale, minus parameters that both methods fix
+    chi_square: float | None  #: χ² of the difference in offset and shape, against the sum of the covariances
+    #: degrees of freedom of `chi_square`: 9, or 8 without the scale, less the parameters that both methods fix
     freedom: int
     target_deg: float  #: the worst heading difference that is good enough
-    unit: str  #: of offsets: ``uT`` or ``counts``
-    #: difference of the rotations into the body, if both have one; it is in none of the other numbers
+    unit: str  #: unit of offsets: ``uT`` or ``counts``
+    #: difference of the rotations into the body, if both have one; the other numbers do not include it
     rotation: RotationDifference | None = None
-    omitted_rotation_deg: float | None = None  #: angle of the rotation, if only one of both has one
+    omitted_rotation_deg: float | None = None  #: angle of the rotation into the body, if only one of both has one
 
     def _repr_html_(self) -> str:
         """HTML table for a notebook."""
@@ -112,7 +113,7 @@ class Comparison:
 
     @property
     def ratio(self) -> float | None:
-        """The heading difference (rms) over its claimed 1 σ: about 1 if the claims are right."""
+        """Ratio of the rms heading difference to its claimed 1 σ, about 1 if claims are right; None without a claim."""
         claimed = 0.0 if self.claimed_deg is None else self.claimed_deg.rms
         return self.heading_difference_deg.rms / claimed if claimed > 0.0 else None
 
@@ -125,9 +126,12 @@ class Comparison:
     def answer(self) -> Answer:
         """Whether the calibrations agree: ``holds``, ``fails`` or ``cannot-tell``, with a confidence of 95 %.
 
-        ``holds``: the heading difference plus its bound is within the target. ``fails``: it exceeds the target by more
-        than 1.645 σ and is significant (p < 0.01), or the same is true of the rotations into the body. ``cannot-tell``:
-        the claims are too wide for either. Without covariances the differences count as exact.
+        - ``holds``: the heading difference plus its bound is within the target.
+        - ``fails``: the heading difference exceeds the target by more than 1.645 σ and is significant (p < 0.01), or
+          the same holds for the rotations into the body.
+        - ``cannot-tell``: the claims are too wide for either.
+
+        Without covariances the differences count as exact.
         """
         if self.is_turned_beyond_target:
             return "fails"
@@ -141,15 +145,16 @@ class Comparison:
 
     @property
     def is_turned_beyond_target(self) -> bool:
-        """Whether the rotations of both alone change headings of the body by more than the target, significantly."""
+        """Whether the difference of the rotations alone changes body headings significantly by more than the target."""
         dip_deg = self.heading_difference_deg.dip_deg
         return self.rotation is not None and self.rotation.answer_to(self.target_deg, dip_deg) == "fails"
 
     @property
     def is_turned(self) -> bool:
-        """Whether both have a rotation and these differ significantly; without covariances, whether they differ at all.
+        """Whether both have a rotation into the body, and these differ significantly.
 
-        The ellipsoids do not matter here: a sensor that was rotated in its mounting is still the same sensor.
+        Without covariances any difference counts. The ellipsoids do not matter: a sensor that was rotated in its
+        mounting is still the same sensor.
         """
         if self.rotation is None:
             return False
@@ -159,7 +164,7 @@ class Comparison:
 
     @property
     def worst_deg(self) -> float:
-        """The worst heading difference; without covariances, including that of the rotations."""
+        """The worst heading difference; without covariances it includes the difference of the rotations."""
         worst = self.heading_difference_deg.worst
         if self.rotation is None or self.p_value is not None:
             return worst
@@ -172,7 +177,7 @@ class Comparison:
 
     @property
     def telling_bound_deg(self) -> float | None:
-        """Widest bound (95 %) with which this difference could be decided; None if it is decided."""
+        """Widest 95 % bound with which `answer` would be decided for this difference; None if it is decided."""
         if self.answer != "cannot-tell" or self.claimed_deg is None or self.claimed_bound_deg is None:
             return None
         if self.worst_deg <= self.target_deg:
@@ -182,7 +187,7 @@ class Comparison:
 
     @property
     def wider_claim(self) -> Wider | None:
-        """The wider claim, ``a`` or ``b``, that prevents a decision; None if there is a decision."""
+        """The calibration with the wider claim, ``a`` or ``b``, if the claims prevent a decision; else None."""
         if self.answer != "cannot-tell" or self.own_bounds_deg is None:
             return None
         return "a" if self.own_bounds_deg[0] > self.own_bounds_deg[1] else "b"
@@ -258,7 +263,7 @@ class LengthSums:
         return math.sqrt(max(self.squares / count - (self.total / count) ** 2, 0.0))
 
     def as_dict(self) -> dict[str, float]:
-        """JSON-ready."""
+        """Values for JSON, by name."""
         return {
             "strength": self.mean,  # mean length of corrected readings over the field strength
             "spread": self.spread,
@@ -272,7 +277,7 @@ class LengthSums:
 
 
 def _degrees(angle_deg: float) -> str:
-    """An angle of a table as text; 0° for rounding errors."""
+    """Write an angle for a table; an angle that is only a rounding error is 0°."""
     return f"{figures(angle_deg)}°" if angle_deg > 1e-6 else "0°"
 
 
@@ -281,19 +286,18 @@ def compare(a: Fit, b: Fit, *, dip_deg: float | None = None, target_deg: float =
     """Compare two calibrations of one sensor, and decide whether their difference is significant.
 
     Each calibration corrects readings of a turning vehicle that were simulated with the other, and the result is
-    compared with the true heading: so their order only changes signs. The covariances are added, as those of
-    independent recordings: two fits of one recording share its noise and agree better than this claims.
+    compared with the true heading. To exchange a and b therefore only changes signs. The covariances are added, as
+    those of independent recordings. Two fits of one recording share its noise, and agree better than this claims.
 
-    The scale: readings of one sensor are longer in a stronger field, which is no property of the sensor. Unless the
-    field strength of both calibrations is known, both ellipsoids are therefore scaled to one radius, their common
-    scale is removed from the covariances, and chi-square has one degree of freedom less.
+    Scale: readings of one sensor are longer in a stronger field, which is no property of the sensor. Unless the field
+    strength of both calibrations is known, both ellipsoids are therefore scaled to one radius. Their common scale is
+    removed from the covariances, and χ² has one degree of freedom less.
 
-    A calibration from a level turn is known in x and y alone: both are then compared for that turn, at its dip, and the
-    direction is that of a level vehicle's horizontal field.
+    Level turns: a calibration from a level turn is known in x and y alone. Both calibrations are then compared for that
+    turn, at its dip, and the direction is that of a level vehicle's horizontal field.
 
-    The rotation: an ellipsoid has none. If aiding sensors found the rotation of the magnetometer into the body, it is
-    not part of this comparison, whose degrees and chi-square are in the magnetometer's own axes. If both have a
-    rotation, `Comparison.rotation` has their difference.
+    Rotation: the numbers are in the magnetometer's own axes, and do not include its rotation into the body. If aiding
+    sensors found this rotation for both, `Comparison.rotation` has the difference.
 
     Parameters
     ----------
@@ -301,7 +305,7 @@ def compare(a: Fit, b: Fit, *, dip_deg: float | None = None, target_deg: float =
         Fitted or loaded from their files, in the same unit and axes. A fit without a stated uncertainty counts as
         exact.
     dip_deg : float, optional
-        Inclination of the field, positive if it points along +z of the sensor's mapped axes; by default that for which
+        Inclination of the field, positive if it points along +z of the sensor's mapped axes; by default that at which
         `a` was judged, else `b`, else 60°.
     target_deg : float
         Worst heading difference that is good enough, in degrees.
@@ -326,7 +330,7 @@ def compare(a: Fit, b: Fit, *, dip_deg: float | None = None, target_deg: float =
 
 
 def common_dip_deg(*fits: Fit) -> float:
-    """Signed dip at which the first fit that states one was judged, else 60°."""
+    """Dip, with its sign, at which the first of `fits` that states one was judged; else 60°."""
     stated = [fit.heading_error_deg.dip_deg for fit in fits]
     return next((dip for dip in stated if math.isfinite(dip)), 60.0)
 
@@ -339,13 +343,13 @@ def compare_level(a: Fit, b: Fit, *, dip_deg: float = 60.0, target_deg: float = 
     dip_deg : float
         Inclination of the field at the turn, in degrees; it is reported, and both ellipses already include it.
     target_deg : float
-        As for `compare`, as are the errors raised.
+        As for `compare`, like the errors that are raised.
     """
     return _compare(a, b, dip_deg=dip_deg, target_deg=target_deg, is_flat=True)
 
 
 def _compare(a: Fit, b: Fit, *, dip_deg: float, target_deg: float, is_flat: bool) -> Comparison:
-    """Compare two calibrations; `is_flat`: both are ellipses of a level turn."""
+    """Compare two calibrations; `is_flat` states that both are ellipses of a level turn."""
     if not target_deg > 0.0:
         raise UsageError(f"target is {target_deg:g}°: need a positive angle")
     turn_dip_deg = 0.0 if is_flat else dip_deg
@@ -384,7 +388,7 @@ def _without_covariance(fit: Fit) -> Fit:
 
 
 def _omitted_rotation_deg(a: Fit, b: Fit) -> float | None:
-    """Angle of the rotation that only one of both has; None otherwise."""
+    """Angle in degrees of the rotation into the body, if only one of both has a rotation; else None."""
     knowing = [one for one in (a, b) if one.calibration.rotation != "symmetric"]
     if len(knowing) != 1:
         return None
@@ -393,7 +397,7 @@ def _omitted_rotation_deg(a: Fit, b: Fit) -> float | None:
 
 def _level(fit: Fit, dip_deg: float) -> Fit:
     """A fit reduced to a level turn in x and y: an ellipsoid whose equator is the ellipse of that turn."""
-    # A fit to a level turn has its own dip.
+    # the fit of a level turn assumed a dip of its own
     if fit.claim.plane is not None and math.isfinite(fit.heading_error_deg.dip_deg):
         dip_deg = fit.heading_error_deg.dip_deg
     strength = fit.calibration.field_strength * math.cos(math.radians(dip_deg))
@@ -406,7 +410,7 @@ def _level(fit: Fit, dip_deg: float) -> Fit:
 def as_equator(
     fit: Fit, rows: Floats, parameters: Floats, covariance: Floats, *, field_strength: float | None = None
 ) -> Fit:
-    """A fit whose nine parameters and their covariance are `rows` (9, K) times the given (K,) parameters."""
+    """A fit whose nine parameters are `rows` (9, K) times the (K,) `parameters`; its covariance follows likewise."""
     flat, old = rows @ parameters, fit.calibration
     calibration = Calibration.from_ellipsoid(
         flat[:3], symmetric_matrix(flat[3:]), field_strength=field_strength, raw=old.raw, axes=old.axes, frame=old.frame
@@ -418,7 +422,7 @@ def as_equator(
 
 
 def _pair(a: Fit, b: Fit) -> tuple[Pairs, bool]:
-    """Both fits as a pair of one size, without rotations, and whether their field strengths are known."""
+    """Both fits as a pair of ellipsoids of one size, and whether the field strengths of both are known."""
     refuse_unlike(a, b)
     known = a.calibration.field_strength_known and b.calibration.field_strength_known
     strengths = np.array([a.calibration.field_strength]), np.array([b.calibration.field_strength])

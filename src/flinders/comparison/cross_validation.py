@@ -1,9 +1,9 @@
 """Cross-validation of a method by blocks of time, in degrees of heading.
 
-Residuals of fitted readings show little, and residuals of left-out readings include noise. Neither is a heading error.
-Here each block of time is left out in turn, and two errors are computed. *Bias*: the change of offset and shape that
-fits the left-out readings of all blocks best. It shows errors of the model, as of a sphere through an ellipsoid, and
-errors of the method, as of extremes that include noise. *Scatter*: the difference between the fits without different
+Residuals of fitted readings hardly show errors of a method, and residuals of left-out readings include noise. Here each
+block of time is left out in turn, and two errors are computed. *Bias* is the change of offset and shape that fits the
+left-out readings of all blocks best. It shows errors of the model, such as of a sphere through an ellipsoid, and errors
+of the method, such as of extremes that include noise. *Scatter* is the difference between the fits without different
 blocks. Both are propagated to a level heading.
 
 Blocks are stretches of time and not random rows: neighbouring readings share errors of their place and time, so that
@@ -60,9 +60,9 @@ MIN_BLOCK_READINGS: Final = 4
 class Validation(ShortRepr):
     """Result of a cross-validation."""
 
-    heading_error_deg: HeadingError  #: of a level vehicle, 1 σ: bias and scatter combined
-    bias_deg: float  #: bias alone, rms over all headings
-    scatter_deg: float  #: scatter alone
+    heading_error_deg: HeadingError  #: heading error of a level vehicle, 1 σ: bias and scatter combined
+    bias_deg: float  #: heading error from the bias alone, rms over all headings
+    scatter_deg: float  #: heading error from the scatter alone, rms over all headings
     #: rms distance of left-out readings from the surface fitted to the others, in their unit; noise included
     misfit: float
     blocks: int
@@ -89,7 +89,7 @@ def cross_validate(
     dip_deg: float = 60.0,
     counted: NDArray[np.bool_] | None = None,
 ) -> Validation:
-    """Cross-validate a method: fit all blocks of time but one, in turn, and test the one that is left out.
+    """Cross-validate a method: leave out each block of time in turn, fit the others, and test the left-out block.
 
     Let N = Σ JJᵀ and g = Σ J (s − σ²½∇²s) over all readings, where s is the distance of a reading from the surface
     fitted without it and J its Jacobian (`flinders.likelihood.magnitude`). The bias is δ = (N/σ² + Λ)⁻¹ g/σ², the
@@ -103,13 +103,13 @@ def cross_validate(
     Parameters
     ----------
     samples : Samples
-        In the order of time.
+        Readings in the order of time.
     blocks : int
         Count of blocks, each with the same count of readings.
     dip_deg : float
         Inclination of the field at the site, positive if it points along +z.
     counted : (N,) bool, optional
-        Readings to test in the left-out blocks, without outliers; these may be among the fitted readings.
+        Readings of left-out blocks that are tested: all but outliers, which the fits may still contain.
 
     References
     ----------
@@ -137,7 +137,7 @@ def cross_validate(
 
 
 class _Fold(NamedTuple):
-    """A fit to all blocks but one, and the (m, 3) readings of that one, projected if the fit is of a plane."""
+    """A fit of all blocks but one, and the (m, 3) readings of this one, projected if the fit is in a plane."""
 
     ellipsoid: Ellipsoid
     plane: Plane | None
@@ -191,7 +191,7 @@ def _project(field: Floats, plane: Plane) -> Floats:
 
 
 def _turn_options(plane: Plane | None, dip_deg: float) -> dict[str, Any]:
-    """Options for the heading error: of a level turn, or of a turn about the axis perpendicular to a plane."""
+    """Options for the heading error of a turn about z, or about the axis perpendicular to `plane`."""
     return {"dip_deg": dip_deg} if plane is None else {"dip_deg": 0.0, "down": np.eye(3)[axis_order(plane)[2]]}
 
 

@@ -50,38 +50,41 @@ TARGET_DEG: Final = 1.0
 class Evaluation:
     """True errors of a calibration, and its claimed errors.
 
-    The claims of an ellipsoid are in the magnetometer's own axes, without a rotation, and so are the errors compared
-    with them. If an aiding sensor gave the rotation, its error is compared with its own claim, and the heading of the
-    body with both claims.
+    Claims of an ellipsoid are in the magnetometer's own axes, and so are the errors that are compared with them. If an
+    aiding sensor gave the rotation into the body, the error of the rotation is compared with the claim of the rotation,
+    and the heading error of the body with both claims.
     """
 
-    #: of a level vehicle, in the magnetometer's own axes: rms over 72 headings and the worst, the mean removed
+    #: heading error of a level vehicle without its mean, in the magnetometer's own axes: rms over 72 headings, and the
+    #: worst
     heading_error_deg: HeadingError
     heading_mean_deg: float  #: the mean heading error that was removed
     #: (rms, worst): angle between the corrected and the true field over 400 directions, rotation included
     direction_error_deg: DirectionError
-    unrotated_direction_error_deg: DirectionError  #: (rms, worst): the same in the magnetometer's own axes
-    #: from the true rotation into the body to that of the calibration; with a covariance if one is claimed
+    #: (rms, worst): angle between these fields in the magnetometer's own axes
+    unrotated_direction_error_deg: DirectionError
+    #: difference of the calibration's rotation into the body from the true one; with a covariance if one is claimed
     rotation: RotationDifference
     offset_error: Floats  #: (3,), in `unit`: offset minus the true one
     #: remaining soft iron after the correction, without rotation and scale: Frobenius norm of P − 1, where R P is
     #: the polar decomposition of matrix × true matrix and P is scaled to determinant 1
     matrix_error: float
-    #: corrected length over the true one, minus one; None without a given field strength, as nothing is claimed
+    #: corrected length over the true length, minus one; None if no field strength was given, as no scale is claimed
     scale_error: float | None
-    field_strength: float  #: in `unit`: the true one
+    field_strength: float  #: in `unit`: true field strength
     target_deg: float
-    unit: str  #: of offsets: ``uT`` or ``counts``
-    #: 1 σ by the calibration's covariance at the same dip; None if it states none
+    unit: str  #: unit of offsets: ``uT`` or ``counts``
+    #: claimed 1 σ of the heading error at the same dip; None if no covariance is stated
     claimed_heading_deg: HeadingError | None = None
-    claimed_bound_deg: float | None = None  #: claimed bound of the error at all headings, with a probability of 95 %
-    claimed_direction_deg: DirectionError | None = None  #: (rms, worst): 1 σ
-    offset_sigma: Floats | None = None  #: (3,), in `unit`: 1 σ, as claimed
+    claimed_bound_deg: float | None = None  #: claimed 95 % bound of the heading error over all headings
+    claimed_direction_deg: DirectionError | None = None  #: (rms, worst): claimed 1 σ of the direction error
+    offset_sigma: Floats | None = None  #: (3,), in `unit`: claimed 1 σ of the offset
     chi_square: float | None = None  #: χ² of the level heading errors and of the rotation against their covariances
-    freedom: int = 0  # two for each of the first two harmonics of the heading error, three for a rotation
-    #: of the level body, rotation included, without removing the mean: true error; None if no rotation is claimed
+    #: degrees of freedom of `chi_square`: two for each of two harmonics of the heading error, three for a rotation
+    freedom: int = 0
+    #: true heading error of the level body, including the rotation and the mean error; None if no rotation is claimed
     body_heading_error_deg: HeadingError | None = None
-    claimed_body_heading_deg: HeadingError | None = None  #: claimed 1 σ of that error
+    claimed_body_heading_deg: HeadingError | None = None  #: claimed 1 σ of `body_heading_error_deg`
 
     @property
     def p_value(self) -> float | None:
@@ -90,25 +93,25 @@ class Evaluation:
 
     @property
     def heading_ratio(self) -> float | None:
-        """True heading error over the claimed one, rms: about 1 on average if the claims are right."""
+        """Ratio of the true heading error to the claimed one, rms; about 1 on average if claims are right."""
         claimed = self.claimed_heading_deg
         return None if claimed is None else _ratio(self.heading_error_deg.rms, claimed.rms)
 
     @property
     def body_heading_ratio(self) -> float | None:
-        """True heading error of the body over the claimed one, rms; None if no rotation is claimed."""
+        """Ratio of the body's true heading error to the claimed one, rms; None if no rotation is claimed."""
         true, claimed = self.body_heading_error_deg, self.claimed_body_heading_deg
         return None if true is None or claimed is None else _ratio(true.rms, claimed.rms)
 
     @property
     def direction_ratio(self) -> float | None:
-        """True direction error in the magnetometer's own axes over the claimed one, rms."""
+        """Ratio of the true direction error, in the magnetometer's own axes, to the claimed one, rms."""
         claimed = self.claimed_direction_deg
         return None if claimed is None else _ratio(self.unrotated_direction_error_deg.rms, claimed.rms)
 
     @property
     def offset_ratio(self) -> float | None:
-        """Length of the offset error over the length of its claimed 1 σ."""
+        """Ratio of the length of the offset error to that of its claimed 1 σ."""
         sigma = self.offset_sigma
         return None if sigma is None else _ratio(math.hypot(*self.offset_error), math.hypot(*sigma))
 
@@ -119,14 +122,17 @@ class Evaluation:
 
     @property
     def verdict(self) -> Claim:
-        """``worse than claimed`` if the probability of such errors by chance is below 1 %."""
+        """``worse than claimed`` if errors as large have a probability below 1 %, else ``as claimed``.
+
+        ``unclaimed`` if the calibration states no uncertainty.
+        """
         if self.p_value is None:
             return "unclaimed"
         return "as claimed" if self.p_value >= MAX_P_VALUE else "worse than claimed"
 
     @property
     def is_on_target(self) -> bool:
-        """Whether no heading error exceeds the target; of the body if the calibration claims a rotation."""
+        """Whether no heading error exceeds the target; if a rotation is claimed, the heading is that of the body."""
         return (self.body_heading_error_deg or self.heading_error_deg).worst <= self.target_deg
 
     @property
@@ -256,8 +262,12 @@ def _in_level_axes(field: Floats, plane: Plane | None) -> Floats:
 
 
 def _claims(fit: Fit, dip_deg: float, errors: Floats, rotation: RotationDifference) -> dict[str, Any]:
-    """Claims of a fit, and the test of its (72,) level heading errors in rad and of its rotation against them."""
-    # To first order an error of the offset causes the first harmonic of the heading error, one of the shape the second.
+    """Claims of a fit, and the test of its true errors against them.
+
+    `errors` are the (72,) level heading errors in rad, `rotation` is the error of the rotation into the body.
+    """
+    # to first order an error of the offset causes the first harmonic of the heading error, an error of the shape the
+    # second
     heading, down = level_turn(dip_deg)[0], down_direction(fit.claim.plane)
     waves = np.array([wave(order * heading) for order in (1, 2) for wave in (np.cos, np.sin)]) * (2 / len(heading))
     ellipsoid, covariance = fit.calibration.ellipsoid, fit.claim.claimed_covariance
@@ -296,5 +306,5 @@ def _angles_deg(seen: Floats) -> DirectionError:
 
 
 def _ratio(error: float, claimed: float) -> float | None:
-    """An error over the claimed one; None if nothing is claimed."""
+    """Ratio of an error to the claimed one; None if nothing is claimed."""
     return error / claimed if claimed > 0.0 else None

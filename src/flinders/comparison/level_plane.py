@@ -1,19 +1,20 @@
 """Comparison of a calibration with a level turn, in the plane of the turn.
 
-The vertical axis of a level turn is the sensor's z only if the sensor is upright. Corrected with the right calibration,
-the readings lie on a circle about the vertical, whatever its direction in the sensor: the normal of their plane is the
+The vertical axis of a level turn is the sensor's z only if the sensor is upright. If the calibration is right,
+corrected readings lie on a circle about the vertical, for any mounting of the sensor: the normal of their plane is the
 vertical d, and their height over the centre is F sin I. In axes with z along d the calibration predicts
 
     the circle 0 + F cos I (cos ψ, −sin ψ)
 
-and the turn's ellipse, fitted in the sensor's x and y, is an ellipse there. Both are compared in five numbers: two for
-the middle and three for the shape. The turn cannot separate the effects of offset and third column of the shape on the
-middle, and neither of both includes that. With y = V F S⁻¹ (x − b), an error δ of the calibration and X = V F S⁻¹ δS Vᵀ
-the calibration predicts to first order
+and the turn's ellipse, which is fitted in the sensor's x and y, is also an ellipse in these axes. Both are compared in
+five numbers: two for the middle and three for the shape. The middle depends on the offset and on the third column of
+the shape, which the turn cannot separate; the comparison uses only their combined effect. Let y = V F S⁻¹ (x − b) be a
+corrected reading with the rotation V into these axes. Errors δb and δS of the calibration, with X = V F S⁻¹ δS Vᵀ,
+change to first order
 
     the middle V F S⁻¹ δb + sin I (X + Xᵀ) ẑ,        the shape cos I (F + (X + Xᵀ)/2)
 
-since the plane of the readings gives d, and with it the antisymmetric part of X, a rotation.
+The antisymmetric part of X is a rotation, which has no effect, because the plane of the readings gives d.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -48,7 +49,7 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit
 
 DIFFERENCE_STEP: Final = 1e-6
-"""Step of numerical derivatives of the ellipse, as a share of the radius."""
+"""Step for numerical derivatives of the ellipse, as a share of the radius."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,8 +57,8 @@ class LevelPair:
     """A calibration and a level turn, as ellipses in the plane of the turn."""
 
     known: Fit  #: calibration in axes with z along the vertical of the turn, as the equator of an ellipsoid
-    fresh: Fit  #: level turn in the same axes
-    #: inclination of the field by the calibration, positive if it points along +z of the mapped axes
+    fresh: Fit  #: level turn in these axes
+    #: inclination of the field by the calibration, positive if the field points along +z of the mapped axes
     dip_deg: float
 
     @classmethod
@@ -111,11 +112,11 @@ def compare_on(recording: Recording, known: Fit, fresh: Fit, *, dip_deg: float, 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Turn:
-    """A level turn and a calibration, with the joint parameters of both."""
+    """A level turn and a calibration, with the parameters of the turn and their covariance."""
 
-    known: Fit
-    numbers: Floats
-    covariance: Floats
+    known: Fit  # the calibration
+    numbers: Floats  # parameters of the turn: those of the ellipse in x and y, then those of the plane
+    covariance: Floats  # covariance of `numbers`
 
     @classmethod
     def of(cls, known: Fit, fresh: Fit, recording: Recording) -> Self:
@@ -138,7 +139,7 @@ class _Turn:
         return inverse
 
     def levelling(self, slopes: Floats) -> Floats:
-        """(3, 3) rotation V from the magnetometer's own corrected axes to axes with z along the vertical."""
+        """(3, 3) rotation V from the axes of corrected readings to axes with z along the vertical of the turn."""
         normal = np.linalg.solve(self.inverse, np.append(-slopes, 1.0))  # symmetric: M⁻ᵀ n
         return upright(normal / np.linalg.norm(normal)).T
 
@@ -187,11 +188,11 @@ class _Heights(NamedTuple):
     """The plane of the readings of a level turn."""
 
     numbers: Floats  # (3,): height at the middle of the ellipse, in the unit of the readings, then slopes along x and y
-    covariance: Floats  # (3, 3)
+    covariance: Floats  # (3, 3): covariance of `numbers`
 
 
 def _heights(recording: Recording, middle: Floats, noise: float) -> _Heights:
-    """The plane of the readings; correlated residuals count as the equivalent number of independent ones."""
+    """The plane of the readings about the (2,) middle; its covariance allows for correlated residuals."""
     parts = [np.concatenate([block.field for block in single.blocks()]) for single in single_recordings(recording)]
     field = np.concatenate(parts)
     plane = engine().fit_plane(field, middle, noise)
@@ -205,5 +206,5 @@ def _heights(recording: Recording, middle: Floats, noise: float) -> _Heights:
 
 
 def _as_equator(fit: Fit, numbers: Floats, covariance: Floats) -> Fit:
-    """The ellipse of (5,) numbers as the equator of an ellipsoid with the mean semi-axis as its third."""
+    """The ellipse of (5,) numbers as the equator of an ellipsoid; the third semi-axis is the mean of the other two."""
     return as_equator(fit, equator_matrix("xy", dip_deg=0.0)[:, PLANE_PARAMETERS], numbers, covariance)

@@ -23,11 +23,11 @@ if TYPE_CHECKING:
     from flinders.comparison.members import Member, MultiFit
 
 DECADE_WIDTH: Final = 0.25
-"""Width, in decades, of the range around a power of ten in which the ratio of readings suggests another unit."""
+"""Width in decades of the range about a power of ten in which the ratio of two sensors' readings shows another unit."""
 
 
 def add_member_findings(together: MultiFit, place: int, target_deg: float) -> Member:
-    """Add the findings by comparison with the others to a member and its fit."""
+    """Add to a member, and to its fit, the findings from the comparison with the other members."""
     member = together.members[place]
     findings = link_causes(_findings(together, place, target_deg))
     judged = fit_of(member.fit)
@@ -73,7 +73,7 @@ def _better_alone(member: Member) -> Finding:
 
 
 def _left_handed(together: MultiFit) -> list[str]:
-    """Names of the sensors that are probably left-handed: the minority, if there are both."""
+    """Names of the sensors that are probably left-handed: the smaller group, if both kinds exist."""
     turned = [member for member in together.members if member.rotation is not None and not member.copy_of]
     mirrored = sum(member.is_mirrored for member in turned)
     rest = len(turned) - mirrored
@@ -116,7 +116,7 @@ def _clock_findings(member: Member, reference: str) -> Iterator[Finding]:
 
 
 def _disagreement_findings(together: MultiFit, place: int, target_deg: float) -> Iterator[Finding]:
-    """Findings on when a member deviates from the others, or may be the deviating one of two."""
+    """Findings on times at which a member deviates from the others, or may be the deviating one of two."""
     runs = [run for run in together.agreement.disagreements if run.sensor == place]
     if runs:
         numbers = {
@@ -139,7 +139,7 @@ def _share(runs: Sequence[Disagreement], together: MultiFit) -> float:
 
 
 def _stretch_values(runs: Sequence[Disagreement]) -> dict[str, Any]:
-    """The three stretches with the largest heading error, in the order of time, and the count of all."""
+    """Values of a finding: the three stretches with the largest heading error, in time order, and the count of all."""
     chosen = sorted(runs, key=lambda run: -run.heading_deg)[:3]
     listed = sorted(chosen, key=lambda run: run.start_s)
     spans = [(run.first + 1, run.last + 1, run.start_s, run.end_s) for run in listed]

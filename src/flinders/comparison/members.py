@@ -30,24 +30,26 @@ class Member:
     name: str
     #: fit together with the others, or its error; `Refused` carries a fit that cannot be trusted
     fit: Fit | FlindersError
-    alone: Fit | FlindersError  #: fit of its own readings alone, or its error
-    #: (3, 3): from its axes into those of the reference; its determinant is −1 if they are mirror images. None if
-    #: unknown.
+    alone: Fit | FlindersError  #: fit of this sensor's readings alone, or its error
+    #: (3, 3): rotation from the sensor's axes to those of the reference, with determinant −1 if they are mirror images;
+    #: None if unknown
     rotation: Floats | None = None
-    rotation_sigma_deg: Floats | None = None  #: (3,): standard deviation of the rotation about the axes of the
-    #: reference
-    axes: str = "x,y,z"  #: nearest exchange of axes: the source of each axis of the reference
-    misalignment_deg: float = 0.0  #: angle between the rotation and that exchange of axes
-    length_ratio: float = 1.0  #: length of its readings over that of the reference's
-    #: usual error of its readings, averaged over 1 s, in degrees of a level heading
+    #: (3,): 1 σ of `rotation` about each axis of the reference
+    rotation_sigma_deg: Floats | None = None
+    axes: str = "x,y,z"  #: exchange of axes that is nearest to `rotation`: the sensor's axis for each reference axis
+    misalignment_deg: float = 0.0  #: angle between `rotation` and the exchange `axes`
+    length_ratio: float = 1.0  #: ratio of the length of readings to that of the reference's readings
+    #: usual error of readings averaged over 1 s, in degrees of a level heading
     scatter_deg: float = 0.0
-    delay_s: float = 0.0  #: delay of its clock behind that of the reference, if proven
-    delay_sigma_s: float = 0.0  #: standard deviation of the delay
-    copy_of: str = ""  #: name of the sensor whose readings it repeats; empty if it has its own
-    #: whether `fit` is `alone`, as the joint fit was clearly worse for it; corrected readings are then in its own axes
+    delay_s: float = 0.0  #: delay of the sensor's clock behind that of the reference; 0 if not significant
+    delay_sigma_s: float = 0.0  #: standard deviation of `delay_s`
+    copy_of: str = ""  #: name of the sensor whose readings this one repeats; empty if it has its own
+    #: whether `fit` is `alone`, because the joint fit was clearly worse for this sensor; corrected readings are then in
+    #: the sensor's own axes
     is_kept: bool = False
     joint_deg: float = 0.0  #: worst heading error of the joint fit, if `is_kept`
-    findings: tuple[Finding, ...] = ()  #: findings by comparison with the others; those of `fit`, too, if it is a fit
+    #: findings from the comparison with the others, and those of `fit` if it is a fit
+    findings: tuple[Finding, ...] = ()
 
     @property
     def is_mirrored(self) -> bool:
@@ -55,7 +57,7 @@ class Member:
         return self.rotation is not None and bool(np.linalg.det(self.rotation) < 0.0)
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
+        """Values for JSON, by name."""
         return {
             **json_attributes(
                 self, "rotation", "rotation_sigma_deg", "axes", "misalignment_deg", "length_ratio", "scatter_deg"
@@ -74,7 +76,7 @@ class Agreement:
     instants: int  #: count of times at which two or more were read
     seconds: float  #: duration from the first to the last of these times
     disagreements: tuple[Disagreement, ...] = ()  #: stretches of disagreement, in the order of time
-    #: of two: constant difference in degrees of heading, 1 σ, if it is unknown which one is wrong; else 0
+    #: for two sensors: constant difference in degrees of heading, 1 σ, if it is unknown which one is wrong; else 0
     apart_deg: float = 0.0
 
 
@@ -85,10 +87,10 @@ class MultiFit:
     members: tuple[Member, ...]
     reference: str  #: name of the sensor whose axes all corrected readings have
     agreement: Agreement
-    #: whether the fits use the readings of all, except those that are kept. If the body was turned too little, only one
-    #: sensor remains, or two disagree all the time, each has the fit of its own readings.
+    #: whether the sensors were fitted together, except those with `Member.is_kept`. If the body was turned too little,
+    #: only one sensor remains, or two disagree all the time, each has the fit of its own readings.
     is_joint: bool
-    #: whether corrected readings are in the axes of gyro and accelerometer, and not in those of the reference
+    #: whether corrected readings are in the axes of gyro and accelerometer, instead of those of the reference
     in_body: bool = False
 
     def __getitem__(self, name: str) -> Member:

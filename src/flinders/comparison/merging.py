@@ -1,8 +1,8 @@
 """Merging of several calibrations of one sensor, if the recordings are lost or too many for one fit.
 
-Each is weighted with its claimed covariance. A scatter beyond the claims shows that something changed between
-recordings, and is added to the covariance of the result. Contradicting calibrations are not averaged: the result is
-limited or refused, and states which of them deviates, by how many degrees.
+Each calibration is weighted with its claimed covariance. If the calibrations scatter by more than they claim, something
+changed between recordings, and the scatter is added to the covariance of the result. If they contradict each other, the
+result is limited or refused, and states which calibration deviates, and by how many degrees.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -61,15 +61,15 @@ if TYPE_CHECKING:
 METHOD: Final = "merged"
 
 COVERAGE_FINDINGS: Final = frozenset({"coverage", "unobservable-parameters", "prior", "inflation", "level-plane"})
-"""Findings on missing coverage, which another recording with coverage resolves."""
+"""Codes of findings on missing coverage, which do not apply if another recording has this coverage."""
 
 RECOMPUTED_FINDINGS: Final = frozenset({"heading-error", "axis-ratio", "mirrored-axes"})
-"""Findings that are computed again for the result."""
+"""Codes of findings that are computed again for the result."""
 
 MAX_RADIUS_SIGMA: Final = 0.05
-"""Largest standard deviation of a radius, as a share of it, at which it can be removed to first order.
+"""Largest relative standard deviation of a radius at which the scale can be removed to first order.
 
-Two level turns, whose radius is known by the prior to 1/6, merged to a result 20 times worse than either:
+Two level turns, whose radius is known by the prior to 1/6, gave a result 20 times worse than either:
 `tests/comparison/test_merging.py`.
 """
 
@@ -98,11 +98,12 @@ def merge(parts: Sequence[Fit], *, target_deg: float = 1.0, dip_deg: float | Non
 
         Σ (θᵢ − θ)ᵀ Pᵢ⁻¹ (θᵢ − θ)
 
-    which equals a joint fit of all recordings, as far as each is linear about its own. The scatter of the calibrations
-    beyond their claims is added to the covariance of the mean (`flinders.summary.pooling`).
+    which is to first order a joint fit of all recordings. The scatter of the calibrations beyond their claims is added
+    to the covariance of the mean (`flinders.summary.pooling`).
 
-    The scale: unless the field strength of all is known, the radius of each depends on an unknown field and is no
-    property of the sensor. All are then scaled to the geometric mean of their radii, and the weights exclude the scale.
+    Scale: unless the field strength of all calibrations is known, the radius of each depends on an unknown field, and
+    is no property of the sensor. All are then scaled to the geometric mean of their radii, and the weights exclude the
+    scale.
 
     Parameters
     ----------
@@ -118,8 +119,8 @@ def merge(parts: Sequence[Fit], *, target_deg: float = 1.0, dip_deg: float | Non
     Returns
     -------
     Fit
-        With the covariance of the mean plus the scatter beyond the claims, the count of all readings and their noise;
-        `Diagnosis.repeats` compares the calibrations.
+        Fit of the mean, whose covariance includes the scatter beyond the claims; `Diagnosis.repeats` compares the
+        calibrations.
 
     Raises
     ------
@@ -173,7 +174,7 @@ def merge(parts: Sequence[Fit], *, target_deg: float = 1.0, dip_deg: float | Non
 
 
 def source_files(parts: Sequence[Fit]) -> tuple[SourceFile, ...]:
-    """The recordings of several calibrations, each once, by name."""
+    """The recordings of several calibrations, each once, in the order of their names."""
     files = {file.sha256: file for part in parts for file in part.provenance.files}
     return tuple(sorted(files.values(), key=lambda file: (file.name, file.sha256)))
 
@@ -182,10 +183,10 @@ def source_files(parts: Sequence[Fit]) -> tuple[SourceFile, ...]:
 class _Field:
     """The common field strength to which calibrations are scaled."""
 
-    strength: float
-    is_known: bool
-    reference: Floats
-    log_variance: float
+    strength: float  # strength, in the unit of the calibrations
+    is_known: bool  # whether all calibrations have a known field strength
+    reference: Floats  # (3, 3): shape by which the scale is defined
+    log_variance: float  # variance of the logarithm of the strength
 
     @classmethod
     def of(cls, parts: Sequence[Fit]) -> _Field:
@@ -262,7 +263,7 @@ def _claim(part: Fit) -> Floats:
 
 
 def _distortion(part: Fit) -> float:
-    """Direction-dependent error of a calibration, in its unit; all calibrations of one sensor share this error."""
+    """Direction-dependent error of a calibration, in its unit, which all calibrations of one sensor have in common."""
     across = math.radians(part.claim.structure_deg) * math.cos(math.radians(part.claim.known_dip_deg))
     return across * part.calibration.ellipsoid.radius
 
@@ -346,7 +347,7 @@ def _refuse_pair(a: Fit, b: Fit) -> None:
 
 
 def _refuse_constrained(parts: Sequence[RecordingFit]) -> None:
-    """Refuse a calibration whose method fixes parameters that others estimate: their zero variance would dominate."""
+    """Refuse a calibration whose method fixes parameters that others estimate, as zero variances would dominate."""
     zero = np.zeros(9)
     total = np.sum([part.covariance for part in parts], axis=0)
     freedom = chi_square_of(zero, total)[1]
@@ -432,7 +433,7 @@ def _inherited_findings(repeats: Repeats, parts: Sequence[Fit]) -> Iterator[Find
 
 
 def _inherit(finding: Finding, part: Fit, *, is_best: bool = False) -> Finding:
-    """Finding of the merged calibration from that of a part; `is_best`: all parts have it."""
+    """Finding of the merged calibration from that of a part; `is_best` states that all parts have the finding."""
     parts = (*finding.values.get("parts", ()), (part.provenance.name, float(is_best)))
     return replace(finding, values={**finding.values, "parts": parts})
 

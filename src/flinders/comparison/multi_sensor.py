@@ -1,7 +1,8 @@
 """Joint calibration and comparison of several magnetometers of one body.
 
-Each gets a calibration into the axes of one of them, the reference. The readings of all determine each offset and
-shape. The result states which of them deviates from the others, when, and by how many degrees of heading.
+Each magnetometer gets a calibration into the axes of one of them, the reference. The readings of all determine the
+offset and shape of each. The result states which magnetometer deviates from the others, when, and by how many degrees
+of heading.
 
 >>> from flinders import simulate
 >>> tumble = simulate.tumble(seed=1, motion="hand", n=1500)
@@ -56,16 +57,16 @@ if TYPE_CHECKING:
     from flinders.likelihood.site_field import Site
 
 MAX_MISFIT_RATIO: Final = 3.0
-"""Largest ratio of the misfit of a sensor to the best of the others; above it the sensor is always wrong."""
+"""Largest ratio of a sensor's misfit to the best misfit of the others; a sensor with more deviates all the time."""
 
 MAX_JOINT_ERROR_RATIO: Final = 1.5
-"""Largest ratio of a sensor's heading error, in the joint fit over alone; above it the sensor is fitted alone."""
+"""Largest ratio of a sensor's heading error by the joint fit to that by its own fit, at which the joint fit is used."""
 
 MAX_OUTLIER_SHARE: Final = 0.5
-"""Largest share of outliers among a sensor's readings; also of outliers of its own fit that the joint fit accepts."""
+"""Largest share of outliers in a sensor's readings, and of outliers of its own fit that the joint fit accepts."""
 
 MAX_ROUNDS: Final = 3
-"""Largest count of fits, each without the stretches in which a sensor deviated in the fit before."""
+"""Largest count of fits; each fit is without the stretches in which a sensor deviated in the fit before."""
 
 
 @check_keywords(PARAMETERS_ELSEWHERE)
@@ -81,26 +82,26 @@ def fit_multi(
     """Calibrate several magnetometers of one body together, and compare them.
 
     Minimises the sum of `flinders.estimators.multi_sensor`. Use it for a body with more than one magnetometer that was
-    turned while all were recorded. It makes a noisy one nearly as good as the best; it does not replace missing
-    attitudes.
+    turned while all were recorded. A noisy magnetometer becomes nearly as accurate as the best one. Attitudes that the
+    body was not turned to stay missing for all.
 
     Parameters
     ----------
     sources : mapping of str to Recording
-        Two or more, by their names, with clocks that differ by up to 2 s; recordings without time must have the same
-        length, and are paired row by row.
+        Two or more recordings by the names of the sensors, with clocks that differ by up to 2 s. Recordings without
+        times must have the same length, and are paired row by row.
     reference : str, optional
         Name of the sensor whose axes corrected readings get; by default the first.
     target_deg : float
         As for `flinders.fit`.
     site : Site, optional
-        As for `flinders.fit`, with a strength for sensors in one unit. Its values with an uncertainty are used in the
-        separate fit of each sensor, and with `aiding` for the mounting in the body.
+        As for `flinders.fit`; a strength requires that all sensors have one unit. Values with an uncertainty are used
+        in the separate fit of each sensor, and with `aiding` for the mounting in the body.
     prior : float
         Standard deviation of the prior on the shape.
     aiding : str, sequence of str or Instruments
-        As for `flinders.fit`: sensors recorded with the reference, which may give its mounting in the body. If they do,
-        corrected readings of all are in body axes, those of gyro and accelerometer.
+        As for `flinders.fit`: sensors recorded with the reference. If they determine its mounting in the body,
+        corrected readings of all are in body axes, which are those of gyro and accelerometer.
 
     Raises
     ------
@@ -147,7 +148,7 @@ class _Body:
     copies: Mapping[int, int]
     prior: float
     options: dict[str, Any]
-    site: Site | None  # its values with an uncertainty are used in the separate fit of each sensor
+    site: Site | None  # known field, whose values with an uncertainty are used in the separate fit of each sensor
 
     @property
     def dip_deg(self) -> float:
@@ -204,11 +205,11 @@ class _Body:
         )
 
     def joint_fit(self) -> tuple[MultiSensorFit | None, tuple[Disagreement, ...]]:
-        """Joint fit, repeated without the segments in which a sensor deviates, and these segments by sensor.
+        """Joint fit, repeated without the segments in which a sensor deviates; returns the fit and these segments.
 
-        Readings that are outliers for most sensors alone are excluded from the start, so that two of three that are
-        disturbed alike are no majority. The fit is None for a single sensor, or if the readings do not determine it:
-        directions that no sensor observes alone are not observed together either.
+        Readings that are outliers of most sensors' own fits are excluded from the start. Otherwise two of three sensors
+        that are disturbed alike would be a majority. The fit is None for a single sensor, or if the readings do not
+        determine it: directions that no sensor observes alone are not observed together either.
         """
         if len(self.own) < 2 or not any(start is not None and is_sound(start) for start in self.starts):
             return None, ()
@@ -241,9 +242,9 @@ class _Body:
     def apart_deg(self, several: MultiSensorFit) -> float:
         """Constant difference of two sensors in degrees of heading, if it is unknown which one is wrong; else 0.
 
-        Noise, or a field that moves with one sensor, changes lengths as well as directions. If directions differ by far
-        more than lengths, or if the joint fit assigns the error to the sensor with the more constant length, the fit
-        may assign the error to the wrong sensor.
+        Noise, or a field that moves with one sensor, changes lengths as well as directions, so that lengths show which
+        sensor is wrong. It is unknown in two cases: directions differ by far more than lengths, or the joint fit
+        assigns the error to the sensor with the more constant length.
         """
         alone = [self.starts[place] for place in self.own]
         sound = [start for start in alone if start is not None and is_sound(start)]
@@ -345,7 +346,7 @@ def _body_aiding(
 
 
 def _rotation_aiding(rotation: Floats, covariance: Floats, body: Aiding | None) -> Aiding:
-    """A rotation into the reference, followed by that into the body if known."""
+    """Result with a rotation into the reference, followed by that from the reference into the body if known."""
     if body is None or body.rotation is None or body.rotation_covariance is None:
         return Aiding((), rotation, covariance)
     turned = body.rotation @ covariance @ body.rotation.T + body.rotation_covariance
@@ -353,7 +354,7 @@ def _rotation_aiding(rotation: Floats, covariance: Floats, body: Aiding | None) 
 
 
 def _better_fit(member: Member) -> Member:
-    """A member with its fit alone if that is clearly better than the joint fit."""
+    """A member with its own fit in place of the joint fit, if that is clearly better."""
     joint, alone = fit_of(member.fit), fit_of(member.alone)
     if member.copy_of or joint is None or alone is None or alone.claim.plane or alone.evidence.unobserved:
         return member
@@ -407,11 +408,11 @@ def _unit(vectors: Floats) -> Floats:
 
 def _correct(several: MultiSensorFit, fields: Floats) -> Floats:
     """(m, N, 3) corrected readings of all sensors, in the axes of the reference."""
-    return np.stack([several.corrected(index, field) for index, field in enumerate(fields)])
+    return np.stack([several.correct(index, field) for index, field in enumerate(fields)])
 
 
 def nearest_axes(rotation: Floats) -> tuple[str, float]:
-    """The exchange of axes nearest to a (3, 3) rotation, and the angle between both in degrees.
+    """The exchange of axes that is nearest to a (3, 3) rotation, and the angle between both in degrees.
 
     >>> nearest_axes(np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
     ('-y,x,z', 0.0)

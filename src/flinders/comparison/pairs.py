@@ -1,7 +1,8 @@
 """Differences of n pairs of calibrations, by the formulas of `flinders.compare`.
 
 Readings of one sensor are longer in a stronger field, which is no property of the sensor. The two ellipsoids of a pair
-are therefore scaled to one size; if that is their radius, their common scale is removed from both covariances.
+are therefore scaled to one size: by their field strengths if known, else to one radius. In the second case their common
+scale is removed from both covariances.
 
 >>> spheres = EllipsoidPairs(*(np.stack([one, one]) for one in (np.zeros(3), 50.0 * np.eye(3), 0.01 * np.eye(9))))
 >>> moved = replace(spheres, centre=np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]]))
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 CHUNK_PAIRS: Final = 1024
-"""Count of pairs that are compared together, so that their headings fit into the cache."""
+"""Count of pairs that are compared at a time, so that their headings fit into the cache."""
 
 _erfc: Final = np.frompyfunc(math.erfc, 1, 1)
 
@@ -39,9 +40,9 @@ _erfc: Final = np.frompyfunc(math.erfc, 1, 1)
 class EllipsoidPairs:
     """Many ellipsoids in the magnetometer's own axes, and their covariances."""
 
-    centre: Floats  # (n, 3)
-    shape: Floats  # (n, 3, 3) symmetric S, which maps a unit direction to a reading
-    # (n, 9, 9) of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), in the square of the unit of the centre; 0 for an exact ellipsoid
+    centre: Floats  # (n, 3): centres b
+    shape: Floats  # (n, 3, 3): symmetric shapes S, which map a unit direction to a reading relative to b
+    # (n, 9, 9): covariance of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), in unit²; 0 for an exact ellipsoid
     covariance: Floats
 
     @classmethod
@@ -74,11 +75,11 @@ class EllipsoidPairs:
 class Pairs:
     """Pairs of ellipsoids that are scaled to one size."""
 
-    moved: Floats  # (n, 3) centre of the second minus that of the first
-    first: Floats  # (n, 3, 3) shapes of the first
-    second: Floats  # (n, 3, 3) shapes of the second
-    covariance: Floats  # (n, 9, 9) sum of both covariances
-    scale: Floats  # (n,) size of the second over that of the first, minus one
+    moved: Floats  # (n, 3): centre of the second ellipsoid minus that of the first
+    first: Floats  # (n, 3, 3): shape of the first ellipsoid
+    second: Floats  # (n, 3, 3): shape of the second ellipsoid
+    covariance: Floats  # (n, 9, 9): sum of both covariances
+    scale: Floats  # (n,): size of the second ellipsoid over that of the first before scaling, minus one
 
     @classmethod
     def of(cls, first: EllipsoidPairs, second: EllipsoidPairs, strengths: tuple[Floats, Floats] | None = None) -> Self:
@@ -111,7 +112,10 @@ class Pairs:
         return chi_squares(difference, self.covariance[:, chosen][:, :, chosen])
 
     def cross_correct(self, directions: Floats) -> tuple[Floats, Floats]:
-        """(n, 3, K) readings of the first for (3, K) directions corrected by the second, and the reverse."""
+        """(n, 3, K) readings of the first sensor for (3, K) directions, corrected by the second calibration.
+
+        The second result is for both exchanged.
+        """
         moved = self.moved[:, :, np.newaxis]
         forth = np.linalg.solve(self.second, self.first @ directions - moved)
         return forth, np.linalg.solve(self.first, self.second @ directions + moved)
@@ -133,7 +137,7 @@ class Pairs:
         return rms
 
     def sigmas_deg(self, dip_deg: float) -> tuple[Floats, Floats, Floats, Floats]:
-        """(n,) 1 σ of the heading in degrees: rms over the turn, the worst, and the worst from offset or matrix alone.
+        """(n,) 1 σ of the heading in degrees: rms over a turn, the worst, and the worst from offset or matrix alone.
 
         Gradients are those of `flinders.heading.error_propagation.level_gradients`.
         """
@@ -161,19 +165,19 @@ class Differences:
     Headings are those of a level vehicle over a whole turn, without the mean; all attributes are (n,) float.
     """
 
-    rms_deg: Floats  # difference in heading, rms over the turn and the worst
-    worst_deg: Floats
-    sigma_rms_deg: Floats  # 1 σ of the difference: rms over the turn, and at the worst heading
-    sigma_deg: Floats
-    mean_deg: Floats  # the removed mean, which has the effect of a rotated mounting
+    rms_deg: Floats  # difference in heading, rms over the turn
+    worst_deg: Floats  # difference at the worst heading
+    sigma_rms_deg: Floats  # 1 σ of the difference, rms over the turn
+    sigma_deg: Floats  # 1 σ of the difference at the worst heading
+    mean_deg: Floats  # removed mean, which has the effect of a rotated mounting
     offset_deg: Floats  # difference from the offset alone, at the worst heading
-    offset_sigma_deg: Floats
+    offset_sigma_deg: Floats  # 1 σ of `offset_deg`
     matrix_deg: Floats  # difference from the matrix alone, at the worst heading
-    matrix_sigma_deg: Floats
-    offset_change: Floats  # distance of the offsets
-    scale: Floats  # radius of the second over that of the first, minus one: scale of the sensor or field of the place
-    chi_square: Floats  # of the difference in offset and shape, without the scale, against the sum of the covariances
-    freedom: Floats
+    matrix_sigma_deg: Floats  # 1 σ of `matrix_deg`
+    offset_change: Floats  # distance between the offsets
+    scale: Floats  # radius of the second over that of the first, minus one: by the sensor's scale or the place's field
+    chi_square: Floats  # χ² of the difference in offset and shape without the scale, against the sum of the covariances
+    freedom: Floats  # degrees of freedom of `chi_square`
 
     @property
     def p_value(self) -> Floats:
@@ -181,14 +185,14 @@ class Differences:
         return p_values(self.chi_square, self.freedom)
 
     def inflate(self, factor: float | Floats) -> Self:
-        """Differences with the claimed variances multiplied by a factor, for all or (n,) for each."""
+        """Differences with the claimed variances multiplied by a factor: one for all, or (n,) factors."""
         root = np.sqrt(factor)
         sigmas = {name: root * getattr(self, name) for name in SIGMA_COLUMNS}
         return replace(self, chi_square=self.chi_square / factor, **sigmas)
 
     @classmethod
     def concatenate(cls, parts: Iterable[Differences], rows: Sequence[NDArray[np.intp]]) -> Self:
-        """Concatenate differences of pairs with the indices `rows`, in the order of these."""
+        """Concatenate differences of pairs, and sort them by the indices `rows` of the pairs."""
         order = np.argsort(np.concatenate([*rows, np.empty(0, dtype=np.intp)]))
         every = list(parts)
         names = [field.name for field in fields(cls)]
@@ -201,8 +205,8 @@ SIGMA_COLUMNS: Final = ("sigma_rms_deg", "sigma_deg", "offset_sigma_deg", "matri
 def differences(first: EllipsoidPairs, second: EllipsoidPairs, *, dip_deg: float | Floats = 60.0) -> Differences:
     """Compare n pairs of ellipsoids in one unit and axes, as `flinders.compare` does without a field strength.
 
-    `dip_deg` is the inclination of the field, of all or (n,) of each; its sign is that in the sensor's axes.
-    Raises UsageError for a dip within a degree of the poles.
+    `dip_deg` is the inclination of the field with its sign in the sensor's axes: one for all pairs, or (n,).
+    Raises `UsageError` for a dip within a degree of the poles.
     """
     chunks = list(_chunks(len(first), dip_deg))
     parts = (_differences(Pairs.of(first[rows], second[rows]), dip) for rows, dip in chunks)
@@ -210,7 +214,7 @@ def differences(first: EllipsoidPairs, second: EllipsoidPairs, *, dip_deg: float
 
 
 def offset_heading_deg(moved: Floats, shape: Floats, *, dip_deg: float | Floats = 60.0) -> Floats:
-    """(n,) worst heading difference in degrees by (n, 3) changes of the offset, for (n, 3, 3) shapes."""
+    """(n,) worst heading difference in degrees from (n, 3) changes of the offset, for (n, 3, 3) shapes."""
     worst = np.empty(len(moved))
     nothing = np.empty(0)
     for rows, dip in _chunks(len(moved), dip_deg):
@@ -236,7 +240,7 @@ def p_values(chi_square: Floats, freedom: Floats) -> Floats:
 
 
 def _tail(half: Floats, degrees: int) -> Floats:
-    """Q(ν, x) for ν `degrees` and (n,) x/2."""
+    """(n,) probability Q(ν, x) that χ² with ν `degrees` of freedom exceeds x; `half` is (n,) x/2."""
     is_odd = degrees % 2
     tail: Floats = np.asarray(_erfc(np.sqrt(half)), float) if is_odd else np.exp(-half)
     with np.errstate(divide="ignore", over="ignore", under="ignore"):
@@ -248,7 +252,7 @@ def _tail(half: Floats, degrees: int) -> Floats:
 
 
 def _chunks(count: int, dip_deg: float | Floats) -> Iterator[tuple[NDArray[np.intp], float]]:
-    """Yield chunks of rows, each with one dip."""
+    """Yield chunks of row indices, each with the dip that all its rows have in common."""
     dips = np.broadcast_to(dip_deg, count)
     for dip in np.unique(dip_deg).tolist():
         level_turn(dip)
@@ -287,11 +291,11 @@ def rescale_covariance(covariance: Floats, factor: float | Floats) -> Floats:
 
 
 def remove_scale(covariance: Floats, shape: Floats, reference: Floats) -> Floats:
-    """(..., 9, 9) covariances of (b, S) after scaling (..., 3, 3) S to the size of a reference R, tr(R⁻¹S) = 3.
+    """(..., 9, 9) covariances of (b, S) after scaling the (..., 3, 3) shapes S to the size of a reference R.
 
-    For S near R that is the same determinant: S/s with s = tr(R⁻¹S)/3 changes by δS − S tr(R⁻¹δS)/3, where `shape` is S
-    after scaling. The results do not depend on the original scale, and all covariances are singular in the same
-    direction, that of R⁻¹.
+    The size is tr(R⁻¹S) = 3, which for S near R is the same as an equal determinant. S/s with s = tr(R⁻¹S)/3 changes by
+    δS − S tr(R⁻¹δS)/3, where `shape` is S after scaling. The results do not depend on the scale before. All covariances
+    are then singular in the same direction, that of R⁻¹.
     """
     jacobian = np.tile(np.eye(9), (*shape.shape[:-2], 1, 1))
     jacobian[..., 3:, 3:] -= upper_entries(shape)[..., :, np.newaxis] * trace_with(reference)[..., np.newaxis, :] / 3.0

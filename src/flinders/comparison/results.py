@@ -11,17 +11,17 @@ if TYPE_CHECKING:
 
 
 def json_attributes(result: object, *names: str) -> dict[str, Any]:
-    """Attributes of a result as JSON values, by name."""
+    """Some attributes of a result by their `names`, as JSON values."""
     return {name: _plain(getattr(result, name)) for name in names}
 
 
 def with_bound(error: HeadingError | None, bound_deg: float | None) -> dict[str, float] | None:
-    """JSON of a claimed heading error, with the 95 % bound at all headings."""
+    """JSON of a claimed heading error, with the 95 % bound over all headings."""
     return None if error is None or bound_deg is None else error.as_dict(bound_95=bound_deg)
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401 - whatever a result holds
-    """A JSON value: arrays and tuples as lists, results as mappings."""
+    """Convert a value for JSON: arrays and tuples to lists, results to mappings."""
     if isinstance(value, np.ndarray):
         return value.tolist()
     if hasattr(value, "as_dict"):

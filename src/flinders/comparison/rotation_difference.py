@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     from flinders.native.faults import Answer
 
 SIGMAS_95_OF_3: Final = 2.7955
-"""Standard deviations that bound the length of three normal numbers with a probability of 95 %."""
+"""95 % bound of the length of a vector of three independent normal numbers, in their standard deviations."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RotationDifference:
-    """Difference of two rotations from the magnetometer's axes into those of the body: b after the inverse of a.
+    """Difference of two rotations from the magnetometer's axes to those of the body: rotation b after the inverse of a.
 
     Examples
     --------
@@ -35,7 +35,7 @@ class RotationDifference:
     (3.0, 3.0, 0.029)
     """
 
-    vector_deg: Floats  #: (3,): rotation vector between both, in body axes
+    vector_deg: Floats  #: (3,): rotation vector from the first to the second rotation, in body axes
     covariance: Floats | None = None  #: (3, 3), degrees²: sum of both covariances; None unless both are stated
 
     @classmethod
@@ -70,7 +70,7 @@ class RotationDifference:
 
     @property
     def angle_sigma_deg(self) -> float | None:
-        """1 σ of the angle, about the axis of the rotation; without a rotation, about the least certain axis."""
+        """1 σ of the angle about the axis of the difference; without a difference about the least certain axis."""
         if self.covariance is None:
             return None
         if not self.angle_deg > 0.0:
@@ -85,11 +85,11 @@ class RotationDifference:
 
     @property
     def chi_square(self) -> tuple[float, int]:
-        """χ² of the rotation against its covariance, and its degrees of freedom, 0 without a covariance."""
+        """χ² of the difference against its covariance, and the degrees of freedom, 0 without a covariance."""
         return (0.0, 0) if self.covariance is None else chi_square_of(self.vector_deg, self.covariance)
 
     def heading_deg(self, dip_deg: float) -> float:
-        """Worst heading difference of a level vehicle: a rotation about z in full, a tilt multiplied by tan I."""
+        """Worst heading difference of a level vehicle: the rotation about z plus tan I times the tilt."""
         x, y, z = (abs(part) for part in self.vector_deg.tolist())
         return float(z + abs(math.tan(math.radians(dip_deg))) * math.hypot(x, y))
 
@@ -114,11 +114,11 @@ class RotationDifference:
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
+        """Values for JSON, by name."""
         return json_attributes(self, "vector_deg", "sigma_deg", "angle_deg", "p_value")
 
 
 def rotation_covariance(fit: Fit) -> Floats | None:
-    """(3, 3) rad²: covariance of the rotation of a fit, about the axes of the body; None if unknown."""
+    """(3, 3) covariance in rad² of the rotation of a fit into the body, about the axes of the body; None if unknown."""
     covariance = None if fit.evidence.aiding is None else fit.evidence.aiding.rotation_covariance
     return covariance if covariance is not None and np.isfinite(covariance).all() else None

@@ -8,4 +8,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 UPPER_FUNCTIONS: Final[dict[str, Callable[..., Any]]] = {}
-"""``html`` of a fit for a notebook, ``plot`` of a fit and its recording, ``correct_frame`` of a calibration."""
+"""Registered functions by name.
+
+``html`` makes the HTML of a fit for a notebook. ``plot`` draws a fit and its recording. ``correct_frame`` corrects the
+readings in a data frame by a calibration.
+"""

@@ -77,7 +77,7 @@ class Axes:
 
     @property
     def opposite(self) -> Axes:
-        """The mapping with all signs changed: a rotation becomes a mirror image, and a mirror image a rotation."""
+        """The mapping with all three signs changed, so that a rotation becomes a mirror image, and vice versa."""
         x, y, z = (-sign for sign in self.signs)
         return Axes(self.order, (x, y, z))
 
@@ -87,7 +87,7 @@ class Axes:
         return sum(self.signs[place] for place, index in enumerate(self.order) if index == place)
 
     def reverse_axis(self, axis: str) -> Axes:
-        """The same mapping for readings whose recorded `axis` has its sign changed first.
+        """The mapping that first changes the sign of the recorded `axis` and then maps as this one.
 
         >>> str(Axes.of("y,x,-z").reverse_axis("x"))
         'y,-x,-z'

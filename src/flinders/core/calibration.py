@@ -109,10 +109,11 @@ class Calibration(Value):
     #: frame of the recorded axes: ``sensor``; or ``vehicle`` if the logger rotated the readings by the mounting of the
     #: sensor. `axes` maps either of them.
     frame: str = "sensor"
-    #: quantities that the offset follows: a current, a throttle, a temperature, any column of a log. With them
-    #: ``corrected = matrix @ (raw - offset - Σ P (c - reference)) / (1 + a (T - reference))``.
+    #: quantities that the offset follows: a current, a throttle, a temperature, any column of a log. A quantity with
+    #: the value c adds P (c - reference) to the offset. A temperature T also scales the field by
+    #: 1 + a (T - reference): ``corrected = matrix @ (raw - offset - Σ P (c - reference)) / (1 + a (T - reference))``.
     disturbances: tuple[Disturbance, ...] = ()
-    #: for nonlinear axes: ``raw - offset`` becomes ``linearization.apply(raw - offset)``
+    #: correction of nonlinear axes, None for linear ones: ``matrix @ linearization.apply(raw - offset)``
     linearization: Linearization | None = None
 
     def __post_init__(self) -> None:
@@ -201,7 +202,7 @@ class Calibration(Value):
 
     @cached_property
     def ellipsoid(self) -> Ellipsoid:
-        """Ellipsoid of the raw readings, in the magnetometer's own axes; the rotation has no part in it."""
+        """Ellipsoid on which raw readings of a constant field lie; it does not depend on the calibration's rotation."""
         shape = self.shape
         if self.rotation == "symmetric" and is_positive_definite(shape):
             return Ellipsoid(self.offset, (shape + shape.T) / 2.0)
@@ -210,7 +211,10 @@ class Calibration(Value):
 
     @property
     def rotation_matrix(self) -> Floats:
-        """(3, 3) rotation from the magnetometer's own axes to those of corrected readings; identity if symmetric."""
+        """(3, 3) rotation from the magnetometer's own axes to those of corrected readings.
+
+        It is the identity if `matrix` is symmetric.
+        """
         left, _, right = np.linalg.svd(self.matrix @ self.ellipsoid.shape / self.field_strength)  # rounding off
         turned: Floats = left @ right
         return turned
@@ -344,7 +348,9 @@ class Calibration(Value):
         temperature: ArrayLike | None = None,
         **others: ArrayLike | None,
     ) -> Floats:
-        """Predict the (..., 3) raw reading in a field, in `unit`, with the disturbances of `apply`.
+        """Compute the (..., 3) raw readings that `apply` would correct to these fields, in `unit`.
+
+        Values of disturbances are given as in `apply`.
 
         >>> Calibration(np.diag([2.0, 1.0, 0.5]), [10, 20, 30], 50.0).unapply([0, 0, 50])
         array([ 10.,  20., 130.])
@@ -360,13 +366,15 @@ class Calibration(Value):
             return raw
 
     def _effect(self, **given: ArrayLike | None) -> tuple[Floats, Floats]:
-        """Shift of readings (..., 3) and factor of the field (...) at these values of the disturbances."""
+        """Shift of raw readings (..., 3), in `unit`, and factor of the earth's field (...), by the disturbances."""
         if not self.disturbances and all(values is None for values in given.values()):
             return np.zeros(3), np.ones(())
         return shift_and_gain(self.disturbances, values_by_name(self.disturbances, **given))
 
     def at(self, **values: float | str) -> Calibration:
-        """The calibration at fixed values of its disturbances, without them; by default each is at its reference.
+        """The calibration at fixed values of its disturbances, as one that follows no disturbance.
+
+        A disturbance without a given value is at its reference.
 
         Raises `UsageError` for the value of a disturbance that the calibration does not follow.
 
@@ -394,11 +402,11 @@ class Calibration(Value):
         return replace(self, offset=self.offset + shift, matrix=self.matrix / float(gain), disturbances=left)
 
     def disturbance_deg(self, disturbance: Disturbance, value: float | None = None, *, dip_deg: float = 60.0) -> float:
-        """Heading error in degrees from not correcting a disturbance, at the worst attitude and heading.
+        """Heading error in degrees if a disturbance is not corrected, at the worst attitude and heading.
 
         `value` is the value of the disturbance; by default the end of its recorded range that is farther from its
-        reference. `dip_deg` is the inclination of the field. A disturbance that is stronger than the horizontal field
-        turns the heading by up to 180°.
+        reference. `dip_deg` is the inclination of the field. The result is 180° if the disturbance is stronger than the
+        horizontal field.
 
         >>> motors = Disturbance("current", [0.5, 0.0, 0.0], highest=20.0)
         >>> round(Calibration(np.eye(3), [0, 0, 0], 50.0, disturbances=(motors,)).disturbance_deg(motors), 1)
@@ -411,11 +419,11 @@ class Calibration(Value):
     def __matmul__(self, first: Calibration) -> Calibration:
         """``(b @ a).apply(x) == b.apply(a.apply(x))``: `first` acts first.
 
-        The unit, axes and frame are those of `first`, the field strength is that of `self`. The product with an
-        identity is the other calibration.
+        The unit, axes and frame of the product are those of `first`, the field strength is that of `self`. The product
+        with an identity is the other calibration.
 
-        Raises `UnitError` if one is in µT and the other in counts; `UsageError` if `self` follows a disturbance, if the
-        scale of `first` does, or if either linearizes axes.
+        Raises `UnitError` if one is in µT and the other in counts. Raises `UsageError` if `self` follows a disturbance,
+        if the scale of `first` follows a temperature, or if one of the two linearizes axes.
         """
         if not isinstance(first, Calibration):
             return NotImplemented
@@ -462,7 +470,7 @@ class Calibration(Value):
         return replace(self, matrix=matrix, offset=offset, axes=axes, disturbances=disturbances)
 
     def isclose(self, other: Calibration, *, tolerance: float = 1e-9) -> bool:
-        """Whether both corrections agree, in the same unit and axes, within `tolerance` as a fraction of the field.
+        """Whether two calibrations in the same unit and axes correct alike, within `tolerance` as a share of the field.
 
         >>> once = Calibration(np.eye(3), [10, 20, 30], 50.0)
         >>> once.isclose(Calibration(np.eye(3), [10, 20, 30.4], 50.0), tolerance=0.01)

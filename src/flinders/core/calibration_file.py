@@ -57,12 +57,12 @@ if TYPE_CHECKING:
 AnyStruct = TypeVar("AnyStruct", bound=Struct)
 
 VERSION: Final = 1
-"""The newest schema that this release reads, and the schema that it writes."""
+"""Number of the schema that this release writes; it reads this one and all earlier ones."""
 
 PARAMETERS: Final = (
     "offset_x", "offset_y", "offset_z", "shape_xx", "shape_yy", "shape_zz", "shape_xy", "shape_xz", "shape_yz",
 )  # fmt: skip
-"""Parameters of the nine rows of an ellipsoid's covariance."""
+"""Names of the nine parameters of an ellipsoid, in the order of the rows of its covariance."""
 
 MAX_BYTES: Final = 16 * 2**20
 """Largest calibration file in bytes; a usual one has some thousand. A larger file is refused without reading it."""
@@ -120,8 +120,8 @@ class Correction(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     #: ``symmetric``: not observable, set by convention; ``estimated``: determined by the fit; ``composed``: a product
     #: of calibrations
     rotation: Rotation = "symmetric"
-    #: name to DisturbanceRecord: disturbances that the offset follows: ``current_A``, ``throttle`` (0 to 1),
-    #: ``temperature_C``; ``current1_A``, ``throttle1`` of motor 1 alone
+    #: name to DisturbanceRecord: currents, throttles and temperature that the offset follows: ``current_A``,
+    #: ``throttle`` (0 to 1), ``temperature_C``; ``current1_A`` and ``throttle1`` are those of motor 1 alone
     disturbances: dict[DisturbanceKey, DisturbanceRecord] | UnsetType = UNSET
     #: name to ColumnRecord: columns that the offset follows, by their names in the log, such as ``wheel_speed_rpm``
     columns: dict[ColumnName, ColumnRecord] | UnsetType = UNSET
@@ -148,17 +148,17 @@ class HeadingErrorRecord(Struct, frozen=True, kw_only=True, forbid_unknown_field
     dip_deg: Annotated[float, Meta(ge=-90, le=90)] | None = None  #: dip of the field for which the errors hold
     dip_assumed: bool = False  #: whether the dip is assumed, as the place of the recording is not known
     target_deg: Positive | None = None  #: largest heading error that was asked for
-    structure_deg: NotNegative = 0.0  #: part of `rms` and `worst` from residuals that depend on the field's direction
+    structure_deg: NotNegative = 0.0  #: part of `rms` and `worst` by residuals that depend on the field's direction
 
 
 class FindingRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A finding about a fit: its code, its number, the limit of that number, and the values in its sentence."""
+    """A finding about a fit: a code, a measured number with its limit, and the values in the finding's sentence."""
 
     code: str  #: stable name, see the table of findings
     severity: str  #: ``note``, ``limits`` or ``refuses``
     number: float | None = None  #: measured value; the code determines its meaning and unit
     limit: float | None = None  #: limit that `number` is compared with
-    #: numbers and short names by the placeholders of the finding's sentence; a list if the sentence lists several
+    #: values in the finding's sentence, by their placeholders: a number, a short name, or a list of these
     values: dict[str, float | str | tuple[Any, ...] | None] = {}
     follows_from: str | None = None  #: code of the finding that is the cause of this one
 
@@ -166,7 +166,7 @@ class FindingRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 class AidingRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
     """Estimated parameters of the aiding sensors."""
 
-    #: (3, 3), rad²: of the rotation from the magnetometer's axes to those of the body, about the axes of the body
+    #: (3, 3), rad²: covariance of the rotation from the magnetometer's axes to those of the body, about body axes
     rotation_covariance: tuple[Triple, Triple, Triple] | UnsetType = UNSET
     acceleration_bias: Triple | UnsetType = UNSET  #: (3,), m/s²: bias of the accelerometer
     acceleration_bias_sigma: Triple | UnsetType = UNSET  #: (3,), m/s²: 1 σ of `acceleration_bias`
@@ -174,8 +174,8 @@ class AidingRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     acceleration_matrix: tuple[Triple, Triple, Triple] | UnsetType = UNSET
     acceleration_matrix_sigma: tuple[Triple, Triple, Triple] | UnsetType = UNSET  #: (3, 3): 1 σ of each entry
     gravity_reading: float | UnsetType = UNSET  #: length of the accelerometer's readings at rest, in their own unit
-    #: (3,), degrees: error of the vertical that the corrected accelerometer shows at rest: 1 σ over all attitudes, 1 σ
-    #: at the worst attitude, and the 95 % bound of all attitudes
+    #: (3,), degrees: error of the vertical that the corrected accelerometer shows at rest: 1 σ as rms over all
+    #: attitudes, 1 σ at the worst attitude, and 95 % bound over all attitudes
     tilt_error_deg: Triple | UnsetType = UNSET
     gyro_bias: Triple | UnsetType = UNSET  #: (3,), rad/s: reading of the gyro at rest
     gyro_bias_sigma: Triple | UnsetType = UNSET  #: (3,), rad/s: 1 σ of `gyro_bias`
@@ -195,7 +195,7 @@ def aiding_record(**columns: Floats | float | None) -> AidingRecord | UnsetType:
 
 
 class WalkRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Rate of the offset's random walk, from the history of this unit."""
+    """Rate of the random walk of the offset, from the history of this unit."""
 
     rate: Positive  #: in the calibration's unit: 1 σ of the change of each axis in one hour; it grows with √t
     low: Positive  #: lower end of the rate's 95 % interval
@@ -203,21 +203,25 @@ class WalkRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class GoodUntilRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Time for which the claimed worst heading error holds; computed from claim and walk when a file is read."""
+    """Time for which the claimed worst heading error holds, computed from the claim and the offset's random walk."""
 
-    #: h: time until the random walk of the offset raises the claim to its target, by the median rate; null if the claim
-    #: exceeds its target already
+    #: h: time until the claim reaches its target, at the median rate of the walk; null if the claim exceeds its target
+    #: already
     target_hours: Positive | None = None
-    doubled_hours: Positive  #: h: time until the claim has doubled, by the median rate
-    doubled_hours_low: Positive  #: h: the same by the upper end of the rate's 95 % interval
-    doubled_hours_high: Positive  #: h: the same by the lower end of the rate's 95 % interval
+    doubled_hours: Positive  #: h: time until the claim has doubled, at the median rate
+    doubled_hours_low: Positive  #: h: time until the claim has doubled, at the upper end of the rate's 95 % interval
+    doubled_hours_high: Positive  #: h: time until the claim has doubled, at the lower end of the rate's 95 % interval
     #: date at which the claim has doubled, from the date of the recording; null if the file states no date
     doubled_date: datetime | None = None
     by: Literal["history", "prior"]  #: source of the rate: history of this unit, or prior for any unit
-    temperature_change_kelvin: Positive | None = None  #: K: change that doubles the claim, by the median coefficient
-    temperature_change_low_kelvin: Positive | None = None  #: K: the same by the largest coefficient of data sheets
-    temperature_change_high_kelvin: Positive | None = None  #: K: the same by the smallest coefficient of data sheets
-    #: ``followed``: from the reference of a fit that follows the temperature; ``prior``: from data sheets
+    #: K: change of temperature that doubles the claim, by the median coefficient
+    temperature_change_kelvin: Positive | None = None
+    #: K: change of temperature that doubles the claim, by the largest coefficient of data sheets
+    temperature_change_low_kelvin: Positive | None = None
+    #: K: change of temperature that doubles the claim, by the smallest coefficient of data sheets
+    temperature_change_high_kelvin: Positive | None = None
+    #: source of the coefficient: ``followed`` for a fit that follows the temperature, and the change is then from the
+    #: fit's reference; ``prior`` for data sheets
     temperature_by: Literal["followed", "prior"]
 
 
@@ -234,9 +238,10 @@ class Fitted(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     #: ``good``, ``limited`` or ``refused``; None if the fit was not judged
     verdict: Literal["good", "limited", "refused"] | None = None
     heading_error_deg: HeadingErrorRecord | None = None  #: expected heading error of a level vehicle
-    good_until: GoodUntilRecord | UnsetType = UNSET  #: times until that error reaches the target, and until it doubles
-    walk: WalkRecord | UnsetType = UNSET  #: of the offset, if a history of this unit was given
-    coverage: dict[str, float] = {}  #: directions recorded: the keys of `coverage` of a fit
+    #: times until the worst heading error reaches its target, and until it has doubled
+    good_until: GoodUntilRecord | UnsetType = UNSET
+    walk: WalkRecord | UnsetType = UNSET  #: random walk of the offset, if a history of this unit was given
+    coverage: dict[str, float] = {}  #: measures of the recorded directions, with the keys of `Coverage.as_dict`
     findings: tuple[FindingRecord, ...] = ()  #: findings about the fit, the most severe first
     #: assumptions of the verdict: ``same-soft-iron``, ``unchanged-body``, ``uniform-field``, ``constant-iron``
     conditions: (
@@ -249,7 +254,7 @@ class Fitted(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     aiding: AidingRecord | UnsetType = UNSET  #: estimated parameters of gyro, accelerometer or attitude
 
     def __post_init__(self) -> None:
-        """Refuse a covariance whose size differs from the number of its names; called when a file is read."""
+        """Refuse a covariance whose size differs from the count of parameter names; called when a file is read."""
         size = len(self.covariance_of)
         rows = self.covariance
         if rows is None:
@@ -261,10 +266,10 @@ class Fitted(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class ColumnsRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
-    """The magnetometer's columns of a table as the user chose them, and the layout by which other tables match."""
+    """Columns of a table that the user chose for the magnetometer, and the layout that identifies such tables."""
 
-    field: tuple[str, ...]  #: x, y and z as the user gave them: names, or numbers from 1
-    width: Annotated[int, Meta(ge=1)]  #: columns of a line
+    field: tuple[str, ...]  #: columns of x, y and z as the user gave them: names, or numbers counted from 1
+    width: Annotated[int, Meta(ge=1)]  #: count of columns of a line
     names: tuple[str, ...] = ()  #: names in the header; empty without a header
     increasing: tuple[int, ...] = ()  #: without a header: numbers of the columns that only increase, such as a clock
 
@@ -272,11 +277,11 @@ class ColumnsRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 class SourceFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
     """One recording that a calibration came from."""
 
-    name: str  #: of the file
-    sha256: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]  #: digest of its bytes
-    bytes: Count  #: its size
-    rows: Count  #: its readings
-    #: whether readings keep the onboard calibration: this calibration is then applied after it
+    name: str  #: name of the file
+    sha256: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]  #: digest of the file's bytes
+    bytes: Count  #: size of the file in bytes
+    rows: Count  #: count of readings in the file
+    #: whether the readings were corrected by the onboard calibration, so that this calibration is applied after it
     as_logged: bool = False
     autopilot: Literal["ardupilot", "px4"] | None = None  #: autopilot of the compass
     compass: Annotated[int, Meta(ge=0, le=3)] | None = None  #: number of the compass: ArduPilot's 1 to 3, PX4's 0 to 3
@@ -303,7 +308,7 @@ class SurveyRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     #: the recorded axis for each axis of the accelerometer, such as ``x,-y,-z``
     acceleration_axes: Annotated[str, Meta(pattern="^-?[xyz],-?[xyz],-?[xyz]$")] = "x,y,z"
     pointing: Literal["x", "y", "z"] = "x"  #: axis of the laser
-    #: (3,) q, one over the unit of the accelerometer: a reading g is corrected as g + q g²
+    #: (3,): q, one over the unit of the accelerometer: a reading g of an axis is corrected to g + q g²
     quadratic: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
@@ -374,7 +379,10 @@ KIND_WORDS: Final = {
 def parse_document(
     text: str | bytes, kind: type[AnyStruct], source: str, *, what: str, refused: type[FlindersError]
 ) -> AnyStruct:
-    """Parse a tagged struct of a known schema; raises `refused` for other content. `what` has an article."""
+    """Parse the JSON of a file of one kind; raises `refused` for other content.
+
+    `what` is the kind of file in words, with an article.
+    """
     content = _parse(text.encode() if isinstance(text, str) else text, source, what, refused)
     tag = kind.__struct_config__.tag
     found = content.get("flinders") if isinstance(content, dict) else None

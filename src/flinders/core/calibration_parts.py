@@ -65,7 +65,10 @@ def _disturbance_record(disturbance: Disturbance) -> DisturbanceRecord:
 
 
 def read_disturbances(correction: Correction) -> tuple[Disturbance, ...]:
-    """Disturbances of a file; raises `UsageError` for a column whose name is that of a kind of disturbance."""
+    """Disturbances of a file.
+
+    Raises `UsageError` for a column of the log that is called like a kind of disturbance, such as ``current``.
+    """
     of_kinds = (
         Disturbance(
             NAMES_BY_KEY[key],

@@ -38,12 +38,12 @@ MAX_SUGGESTIONS: Final = 3
 class ChipSetting:
     """A gain or range of a chip."""
 
-    name: str  # of the range, gain or mode
-    lsb_ut: float  # µT: one count of x and y
-    lsb_z_ut: float | None = None  # µT: one count of z; None if it is that of x and y
+    name: str  # name of the range, gain or mode
+    lsb_ut: float  # µT: size of one count of x and y
+    lsb_z_ut: float | None = None  # µT: size of one count of z; None if equal to that of x and y
     range_ut: float | None = None  # µT: largest field; None without a source
     zero: int = 0  # counts: the reading in zero field
-    is_usual: bool = False  # whether a driver among the sources selects it, other than that after power-on
+    is_usual: bool = False  # whether a driver among the sources selects this setting instead of that after power-on
 
     @property
     def counts_ut(self) -> tuple[float, float | None]:
@@ -56,22 +56,22 @@ class Chip:
     """A magnetometer chip."""
 
     name: str  # as its maker writes it
-    also: tuple[str, ...]  # further spellings, and packages that hold it
-    maker: str  # who makes it
-    settings: tuple[ChipSetting, ...]  # gains and ranges, that after power-on first
+    also: tuple[str, ...]  # further spellings, and packages that contain the chip
+    maker: str  # name of the manufacturer
+    settings: tuple[ChipSetting, ...]  # gains and ranges; the setting after power-on first
     bits: int | None = None  # word length of an axis; None without a source
     noise_ut: float | None = None  # µT: rms noise of one reading; None without a source
-    noise_at: str = ""  # setting of that noise
-    axes: str = ""  # mapping of its registers as ``--axes`` takes it; empty if no source states one
-    axes_are: str = ""  # axes that the mapping leads to
+    noise_at: str = ""  # setting at which `noise_ut` holds
+    axes: str = ""  # mapping of the chip's registers as ``--axes`` takes it; empty if no source states one
+    axes_are: str = ""  # description of the mapped axes, such as "right-handed axes"
     axes_in: tuple[str, ...] = ()  # packages with those axes; empty if the axes are of the chip itself
     traps: tuple[str, ...] = ()  # known mistakes, a sentence each
-    sources: tuple[str, ...] = ()  # documents and drivers that have these values
-    ardupilot: tuple[int, ...] = ()  # its types in device ids of ArduPilot
-    px4: tuple[int, ...] = ()  # its types in device ids of PX4
+    sources: tuple[str, ...] = ()  # documents and drivers that state these values
+    ardupilot: tuple[int, ...] = ()  # numbers of the chip in device ids of ArduPilot
+    px4: tuple[int, ...] = ()  # numbers of the chip in device ids of PX4
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready, under the names of the attributes."""
+        """Attributes by their names, JSON-ready."""
         return asdict(self)
 
     def __str__(self) -> str:
@@ -140,7 +140,7 @@ class ChipReading:
 
 
 def chips() -> tuple[Chip, ...]:
-    """Return all chips of the table, those of a maker together."""
+    """Return all chips of the table, grouped by manufacturer."""
     return tuple(_table().values())
 
 
@@ -253,14 +253,17 @@ def _spellings() -> Mapping[str, Chip]:
 
 @lru_cache(maxsize=1)
 def _pattern() -> re.Pattern[str]:
-    """Match a name as a word, with hyphens or without, where the letters of a sensor and an axis may follow."""
+    """Pattern of the name of a chip in lower case, as a word with or without hyphens.
+
+    The letters of a sensor and of an axis may follow, as in ``mpu9250mx``.
+    """
     names = sorted(_spellings(), key=len, reverse=True)
     loose = "|".join(re.sub(r"(?<=[a-z])(?=\d)", "[-_ ]?", name) for name in names)
     return re.compile(rf"(?<![a-z0-9])({loose})(?:[magw]?[xyz]?)(?![a-z0-9])")
 
 
 def _written_name(chip: Chip, key: str) -> str:
-    """Name or further spelling of a chip, as the table writes it, by its key in `_spellings`."""
+    """Spelling of a chip's name in the table, for the key of that spelling in `_spellings`."""
     return next(name for name in (chip.name, *chip.also) if _letters_and_digits(name) == key)
 
 

@@ -1,8 +1,8 @@
 """Compensation of a recording: readings with all disturbances at their references, and with linear axes.
 
-A calibration with `disturbances` or a `linearization` is an affine one, `Calibration.affine`, of compensated readings.
-All uses of readings (a fit, a check, headings, a filter) compensate them first; after that only the matrix and the
-offset matter.
+A calibration with `disturbances` or a `linearization` compensates readings first. The compensated readings are then
+corrected by its matrix and offset alone, `Calibration.affine`. A fit, a check, headings and a filter follow these two
+steps.
 
 >>> from flinders.core.calibration import Calibration
 >>> from flinders.core.disturbance import Disturbance
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True, eq=False)
 class Compensator:
-    """Removes disturbances and nonlinearity from the blocks of one recording, in order."""
+    """Compensation of the blocks of one recording, in the order of time."""
 
     calibration: Calibration  #: an affine calibration changes nothing
     #: for each disturbance: largest excess of its values over its recorded range, as a fraction of that range
@@ -47,7 +47,10 @@ class Compensator:
     _before: dict[str, tuple[Floats, Floats]] = field(default_factory=dict)
 
     def __call__(self, samples: Samples) -> Samples:
-        """Compensate a block; raises `InputError`, with the heading error to expect, if a column is missing."""
+        """Compensate a block.
+
+        Raises `InputError` if a column is missing; the message states the heading error to expect without it.
+        """
         disturbances = self.calibration.disturbances
         if self.calibration.is_affine or not len(samples):
             return samples
@@ -72,7 +75,7 @@ class Compensator:
                 yield range_warning(disturbance, share)
 
     def _values(self, disturbance: Disturbance, samples: Samples) -> Floats:
-        """(N,) value of a disturbance for each reading, one lag earlier; values of earlier blocks are used."""
+        """(N,) values of a disturbance at the time of each reading minus the lag, also from the block before."""
         column = disturbance.numbers(cast("Floats", samples.disturbance_values(disturbance.name)))
         self.beyond[disturbance.name] = max(self.beyond.get(disturbance.name, 0.0), disturbance.range_excess(column))
         if samples.time is None:

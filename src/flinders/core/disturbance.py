@@ -57,7 +57,7 @@ class Kind(NamedTuple):
     unit: str  #: unit that is printed after its values, with a space
     per: str  #: the unit in ``offset per unit``
     least: float  #: smallest range of values in a recording from which an offset can be estimated
-    plausible: tuple[float, float]  #: (2,): lowest and highest plausible value; others are in another unit
+    plausible: tuple[float, float]  #: (2,): lowest and highest plausible value; values outside suggest another unit
 
 
 KINDS: Final[Mapping[str, Kind]] = {
@@ -83,16 +83,17 @@ class Disturbance(Value):
     Raises
     ------
     UsageError
-        For an invalid name, a gain of anything but the temperature, an empty range, or states that are not two words.
+        For an invalid name, a `gain_per_unit` of another disturbance than the temperature, an empty range, or states
+        that are not two words.
     ArrayError
         For values that are not finite, or an offset that is not three numbers.
     """
 
-    #: ``current``, ``throttle`` or ``temperature``, as the columns of `Samples`; ``current1``, ``throttle1`` and so on
-    #: of one motor; else the name of a column in the log
+    #: ``current``, ``throttle`` or ``temperature``, as the columns of `Samples`; ``current1`` or ``throttle1`` for the
+    #: first motor alone; else the name of a column in the log
     name: str
-    #: (3,), in the unit of the readings: offset for each A, at full throttle, for each °C, for each unit of a column,
-    #: or in the second of two states; read-only
+    #: (3,), in the unit of the readings: change of the offset for each A, at full throttle, for each °C, for each unit
+    #: of a column, or in the second of two states; read-only
     per_unit: Floats
     reference: float = 0.0  #: value at which the offset of the calibration holds
     lowest: float = 0.0  #: lowest recorded value; equal to `highest` if the range is not known
@@ -130,12 +131,12 @@ class Disturbance(Value):
         return numbers_of(values, self.states, self.name)
 
     def with_states(self, states: Sequence[str]) -> Disturbance:
-        """A copy with the words that 0 and 1 stand for; the same disturbance if `states` is empty."""
+        """A copy whose values 0 and 1 stand for the two words `states`; unchanged if `states` is empty."""
         return replace(self, states=tuple(states)) if states else self
 
     @property
     def has_range(self) -> bool:
-        """Whether the range of recorded values is known; parameters of an autopilot do not contain it."""
+        """Whether the range of recorded values is known; it is not for parameters of an autopilot."""
         return self.lowest < self.highest
 
     @property
@@ -238,7 +239,7 @@ def is_column(name: str) -> bool:
 
 
 def kind_and_motor(name: str) -> tuple[str, int]:
-    """Kind of a disturbance and number of its motor, counted from 1; 0 if it is not that of one motor.
+    """Kind of a disturbance, and number of its motor counted from 1; 0 for a disturbance without a motor of its own.
 
     >>> kind_and_motor("current12"), kind_and_motor("current"), kind_and_motor("current0")
     (('current', 12), ('current', 0), ('current0', 0))
@@ -263,7 +264,7 @@ NAMES_BY_KEY: Final[Mapping[str, str]] = {
 
 
 def sort_key(name: str) -> tuple[int, int, str]:
-    """Sort key of a disturbance: the order of `KINDS`, the total before the single motors; columns of the log last.
+    """Sort key of a disturbance by its name: `KINDS` in their order, each before its motors; columns of the log last.
 
     >>> sorted(["wheel", "temperature", "throttle", "current10", "current2", "current"], key=sort_key)
     ['current', 'current2', 'current10', 'throttle', 'temperature', 'wheel']
@@ -289,7 +290,7 @@ def check_disturbances(disturbances: Iterable[Disturbance]) -> tuple[Disturbance
 
 
 def values_by_name(followed: Sequence[Disturbance] = (), /, **columns: ArrayLike | None) -> dict[str, ArrayLike]:
-    """Values by the name of their disturbance; ``currents`` and ``throttles``, (..., M), are split by motor.
+    """Values of disturbances by name; the (..., M) ``currents`` and ``throttles`` of M motors are split by motor.
 
     Raises
     ------
@@ -375,7 +376,7 @@ def lagged_values(values: Floats, time: Floats | None, lag_s: float) -> Floats:
 
 
 def have_equal_disturbances(ours: tuple[Disturbance, ...], theirs: tuple[Disturbance, ...], tolerance: float) -> bool:
-    """Whether both change the offset alike, within `tolerance` over the recorded ranges."""
+    """Whether two sets of disturbances change the offset by the same amount, within `tolerance`, in recorded ranges."""
     if [disturbance.name for disturbance in ours] != [disturbance.name for disturbance in theirs]:
         return False
     return all(

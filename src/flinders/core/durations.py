@@ -12,7 +12,7 @@ from typing import Final
 from flinders.errors import figures
 
 UNITS: Final = (("years", 365.25 * 86400.0, 1.0), ("days", 86400.0, 2.0), ("h", 3600.0, 1.0), ("min", 60.0, 1.0))
-"""Name, size in seconds, and smallest number of this unit that is written in it."""
+"""Units of a duration: name, size in seconds, and smallest count from which a duration is written in this unit."""
 
 
 def duration_text(seconds: float) -> str:

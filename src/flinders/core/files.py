@@ -70,7 +70,7 @@ def reason_and_remedy(error: OSError | ValueError) -> str:
 
 
 def free_path(path: Path) -> Path:
-    """A path at which no file exists: `path`, or `path` with a number after its name.
+    """A path of no existing file: `path`, else `path` with a number after its name.
 
     >>> free_path(Path(__file__)).name, free_path(Path("new.csv")).name
     ('files_2.py', 'new.csv')
@@ -80,9 +80,9 @@ def free_path(path: Path) -> Path:
 
 
 def read_bytes(path: str | os.PathLike[str], *, largest: int, what: str, refused: type[FlindersError]) -> bytes:
-    """Read a small file without filling the memory if the name is that of a large one.
+    """Read a file of at most `largest` bytes; a larger one, given by mistake, is not read into memory.
 
-    Raises `refused` for a file that cannot be opened or has more than `largest` bytes. `what` names the kind of file.
+    Raises `refused` for a file that is larger or cannot be opened. `what` is the kind of file in words.
     """
     try:
         with Path(path).open("rb") as file:
@@ -95,7 +95,7 @@ def read_bytes(path: str | os.PathLike[str], *, largest: int, what: str, refused
 
 
 def is_bomb(unpacked: int, packed: int) -> bool:
-    """Whether `packed` bytes expand to `unpacked` bytes, more than any table of readings does."""
+    """Whether `unpacked` bytes from `packed` compressed bytes are more than any table of readings gives."""
     return unpacked > MIN_RATIO_BYTES and unpacked > MAX_RATIO * packed
 
 

@@ -40,14 +40,14 @@ def is_frame(source: object) -> bool:
     """Whether an object is a table in memory, by its methods."""
     if isinstance(source, np.ndarray | list | tuple):
         return getattr(getattr(source, "dtype", None), "names", None) is not None
-    if hands_out_columns(source):
+    if has_columns(source):
         return True
     is_one_column = hasattr(source, "dtype") or hasattr(source, "chunks")  # a series, or an array of Arrow
     return hasattr(source, "__arrow_c_stream__") and not is_one_column
 
 
-def hands_out_columns(frame: object) -> bool:
-    """Whether `columns_of` accepts an object."""
+def has_columns(frame: object) -> bool:
+    """Whether an object is a frame whose columns `columns_of` can return."""
     return any(kind.accepts(frame) for kind in KINDS)
 
 
@@ -65,7 +65,7 @@ def with_columns(frame: Any, columns: Mapping[Any, Floats]) -> Any:  # noqa: ANN
 
 
 def labels_of(frame: Any) -> dict[str, Any]:  # noqa: ANN401
-    """Column names of a frame: as text, each with the frame's own label."""
+    """Labels of a frame's columns, by the text of each label."""
     if hasattr(frame, "collect_schema"):
         names = frame.collect_schema().names()
     elif (names := getattr(frame, "column_names", getattr(frame, "columns", None))) is None:

@@ -213,9 +213,10 @@ def _igrf_elements(latitude_deg: float, longitude_deg: float, altitude_m: float,
 
 
 def newest_model() -> dict[str, Any]:
-    """The newest model: name, epoch, validity in years, and coefficients g and h in nT with their changes in nT/year.
+    """The newest World Magnetic Model, JSON-ready: name, epoch, years of validity, and coefficients.
 
-    Coefficients are in the order of the model's file: degree 1, orders 0 and 1; degree 2, orders 0 to 2; and so on.
+    Each row of coefficients has g and h in nT, and their changes in nT a year. Rows are in the order of the model's
+    file: degree 1, orders 0 and 1; degree 2, orders 0 to 2; and so on.
 
     >>> model = newest_model()
     >>> model["name"], model["epoch"], len(model["coefficients"]), model["coefficients"][0]
@@ -229,14 +230,14 @@ def newest_model() -> dict[str, Any]:
 
 
 def recorded_field(log: object) -> SiteField | None:
-    """Earth's field at the place and date that a log, or one magnetometer of it, states; None if it states none.
+    """Earth's field at the place and date in a log, or in the part of one magnetometer; None without place or date.
 
-    Also None if the log's clock shows a year before 2010: give place and day of such a log.
+    Also None if the log's clock shows a year before 2010, because such a clock was never set.
     """
-    position, begun = getattr(log, "position", None), getattr(log, "begun", None)
-    if position is None or begun is None or not FIRST_CLOCK_YEAR <= begun.year < LAST_CLOCK_YEAR:
+    position, start_time = getattr(log, "position", None), getattr(log, "start_time", None)
+    if position is None or start_time is None or not FIRST_CLOCK_YEAR <= start_time.year < LAST_CLOCK_YEAR:
         return None
-    return site_field(position.latitude_deg, position.longitude_deg, position.altitude_m, year=decimal_year(begun))
+    return site_field(position.latitude_deg, position.longitude_deg, position.altitude_m, year=decimal_year(start_time))
 
 
 def parse_place(text: str) -> tuple[float, float, float]:

@@ -47,7 +47,7 @@ class GridNorth:
     convergence_deg: float  #: from true to grid north, east positive, in (−180, 180]
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
+        """Attributes by their names, JSON-ready."""
         return {"name": self.name, "convergence_deg": self.convergence_deg}
 
     def __str__(self) -> str:

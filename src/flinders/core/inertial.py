@@ -57,9 +57,9 @@ class Triad:
         return corrected
 
     def convert(self, unit: InertialUnit, *, who: str = "this") -> Self:
-        """The same correction for readings in another unit; raises `UnitError` between counts and a physical unit.
+        """The same correction for readings in another unit.
 
-        `who` names the user of that unit in the message.
+        Raises `UnitError` between counts and a physical unit; the message says that `who` needs the other unit.
         """
         if unit == self.unit:
             return self
@@ -122,7 +122,9 @@ class TiltError:
     bound_95: float  #: with a probability of 95 % the errors at all attitudes are smaller
 
     def heading_error_deg(self, dip_deg: float) -> float:
-        """Heading error (1 σ) from the tilt error: tan I times the tilt about the horizontal field, rms / √2.
+        """Heading error (1 σ) in degrees from the tilt error, tan I · rms / √2.
+
+        Only the tilt about the horizontal field matters, which is rms / √2.
 
         >>> round(TiltError(0.6, 0.8, 1.5).heading_error_deg(60.0), 2)
         0.73

@@ -1,8 +1,8 @@
 """Several recordings of one sensor as one recording, and the blocks of a recording as one table in memory.
 
 >>> early, late = Samples.of([[1, 2, 3]]), Samples.of([[4, 5, 6]])
->>> join_recordings = join_recordings([early, late])
->>> read_into_memory(join_recordings).field.tolist(), len(list(single_recordings(join_recordings)))
+>>> both = join_recordings([early, late])
+>>> read_into_memory(both).field.tolist(), len(list(single_recordings(both)))
 ([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]], 2)
 """
 
@@ -81,7 +81,7 @@ class Joined:
 
     @property
     def onboard(self) -> Calibration | None:
-        """Onboard calibration of all recordings, regardless of the field strength; None if they differ."""
+        """Onboard calibration, if that of all recordings is the same except for the field strength; else None."""
         first, *others = map(onboard_of, self.recordings)
         if first is None or None in others:
             return None
@@ -100,7 +100,7 @@ def join_recordings(recordings: Sequence[Recording]) -> Recording:
 
 
 def single_recordings(recording: Recording) -> Iterator[Recording]:
-    """Yield the single recordings of a joined one, also if it was joined in several steps."""
+    """Yield the single recordings of a joined one; a joined recording among them is split, too."""
     if not isinstance(recording, Joined):
         yield recording
         return
@@ -135,7 +135,7 @@ def concatenate(blocks: Sequence[Samples], recording: Recording) -> Samples:
 
 
 def _concatenate_auxiliary(blocks: Sequence[Mapping[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
-    """Concatenate the auxiliary columns that all blocks have, and have as numbers or as words."""
+    """Concatenate the auxiliary columns that are numbers in all blocks, or words in all blocks."""
     first = blocks[0] if blocks else {}
     alike = [name for name in first if len({are_words(block[name]) for block in blocks if name in block}) == 1]
     return {name: np.concatenate([b[name] for b in blocks]) for name in alike if all(name in b for b in blocks)}

@@ -1,4 +1,4 @@
-"""Sentences in other languages than English, which stands where the sentences are made.
+"""Translation of sentences; the English sentences are in the code that makes them.
 
 A language is one file of `flinders/languages`: formats by key, with the same placeholders as the English ones. A key
 that a language lacks stays English. Only the live page and verdicts in the terminal are translated; JSON, files, codes
@@ -35,48 +35,48 @@ LANGUAGES: Final = (ENGLISH_CODE, "de", "el")
 
 @dataclass(frozen=True, slots=True)
 class Language:
-    """Formats of sentences by key."""
+    """A language, with its translations by key."""
 
-    code: str  #: ISO 639-1
-    words: Mapping[str, str] = field(default_factory=dict, repr=False)  #: empty for English
+    code: str  #: code of ISO 639-1, such as ``de``
+    words: Mapping[str, str] = field(default_factory=dict, repr=False)  #: translations by key; empty for English
 
     def translation(self, key: str) -> str:
-        """Format of a sentence; empty in English, and for a key that the language lacks."""
+        """Translation of a key, with placeholders; empty in English, and for a key without a translation."""
         return self.words.get(key, "")
 
     def phrase(self, key: str, english: str, **values: object) -> str:
-        """A sentence with its values filled in."""
+        """Translate a sentence and fill in its values; `english` is used if the key has no translation."""
         return self.fill(self.translation(key) or english, values)
 
     def count(self, number: float, thing: str) -> str:
-        """A number of things, such as ``3,000 readings``, if the language has the noun; else in English."""
+        """Write a count with its noun, such as ``3,000 readings``; in English if the noun has no translation."""
         form = self.translation(f"things.{thing}.{'one' if number == 1 else 'other'}")
         return self.fill(form, {"count": self.numeral(f"{number:,.0f}")}) if form else count_text(number, thing)
 
     def fill(self, template: str, values: Mapping[str, Any]) -> str:
-        """A format with its values; numbers have two digits unless the format says otherwise."""
-        return _Filled(self).vformat(template, (), values)
+        """Fill values into a template; numbers have two digits unless the template states a format."""
+        return _NumeralFormatter(self).vformat(template, (), values)
 
     def capitals(self, text: str) -> str:
-        """A title in capitals, which have no accent in Greek."""
+        """Write a title in capitals; Greek capitals have no accents."""
         if self.code == "el":
             text = unicodedata.normalize("NFD", text).replace("\N{COMBINING ACUTE ACCENT}", "")
         return unicodedata.normalize("NFC", text).upper()
 
     def numeral(self, text: str) -> str:
-        """An English number, ``1,234.5``, with the signs of the language."""
+        """Write an English number, ``1,234.5``, with the decimal and group separators of the language."""
         signs = {".": self.translation("number.decimal") or ".", ",": self.translation("number.group") or ","}
         return "".join(signs.get(letter, letter) for letter in text)
 
 
-class _Filled(Formatter):
-    """Formats numbers with the signs of a language."""
+class _NumeralFormatter(Formatter):
+    """Formatter that writes numbers with the separators of a language."""
 
     def __init__(self, language: Language) -> None:
         self.language = language
 
     def format_field(self, value: Any, format_spec: str) -> str:  # noqa: ANN401 - as `string.Formatter` has it
-        """One value."""
+        """Format one value; text stays as it is."""
         if isinstance(value, str):
             return value
         return self.language.numeral(format(value, format_spec) if format_spec else figures(float(value)))
@@ -85,7 +85,7 @@ class _Filled(Formatter):
 ENGLISH: Final = Language(ENGLISH_CODE)
 
 TERMINAL_LANGUAGE: Final[ContextVar[Language]] = ContextVar("language of the terminal", default=ENGLISH)
-"""Language of pages for the terminal, which the command line sets and only `flinders.report` reads."""
+"""Language of pages in the terminal; the command line sets it, and only `flinders.report` reads it."""
 
 
 @cache
@@ -103,5 +103,5 @@ def language_of(code: str) -> Language:
 
 
 def text_of(code: str) -> str:
-    """The file of a language."""
+    """Text of the file of a language."""
     return files("flinders").joinpath("languages", f"{code}.json").read_text(encoding="utf-8")

@@ -26,24 +26,24 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 BISECTIONS: Final = 60
-"""Steps of a bisection that determine a departure to the last bit."""
+"""Count of bisections after which a departure is known to the last bit."""
 
 MAX_SLOPE_RATIO: Final = 5.0
-"""Largest ratio of an axis's slope to its slope at the offset, and of the inverse; others are not plausible."""
+"""Largest factor by which the slope of an axis within its limit may be larger or smaller than at the offset."""
 
 
 @dataclass(frozen=True, eq=False)
 class Linearization(Value):
-    """Quadratic and cubic terms of the three axes, as functions of the departure from the offset.
+    """Quadratic and cubic terms of the three axes, as functions of the departure: a reading minus the offset.
 
-    Departures beyond `limit` are corrected by the same amount as at the limit, so that no disturbed reading is mapped
-    back to a plausible one.
+    A departure beyond `limit` is corrected by the same amount as at the limit. Otherwise the polynomial could turn back
+    and map a strongly disturbed reading to a plausible one.
 
     Raises
     ------
     ArrayError
-        For any but three finite numbers each, a limit that is not positive, or an axis that is too steep, too flat or
-        not monotonic within its limit.
+        Unless `quadratic`, `cubic` and `limit` are three finite numbers each, the limits are positive, and each axis is
+        monotonic within its limit with a slope within `MAX_SLOPE_RATIO`.
     """
 
     quadratic: Floats  #: (3,), one over the unit of the readings; read-only
@@ -79,7 +79,7 @@ class Linearization(Value):
         return linear
 
     def invert(self, linear: ArrayLike) -> Floats:
-        """(..., 3) departures from linearized ones, the inverse of `apply`, by bisection."""
+        """(..., 3) departures that `apply` maps to (..., 3) linearized ones, by bisection."""
         wanted = check_vectors(linear, "linear", finite=False)
         most = (np.abs(self.quadratic) + np.abs(self.cubic) * self.limit) * self.limit**2
         low, high = wanted - most, wanted + most
@@ -93,7 +93,10 @@ class Linearization(Value):
 def have_equal_linearization(
     one: Linearization | None, other: Linearization | None, shape: Floats, tolerance: float
 ) -> bool:
-    """Whether both linearizations agree within `tolerance` where the field of a (3, 3) `shape` is along an axis."""
+    """Whether two linearizations agree within `tolerance`, in the unit of the readings.
+
+    They are compared at the largest reading of each axis, by the (3, 3) `shape` of the ellipsoid of readings.
+    """
     if one is None or other is None:
         return one is other
     reach = np.linalg.norm(shape, axis=1) * np.array([[-1.0], [1.0]])

@@ -43,7 +43,7 @@ _LAST_WORD: Final = re.compile(r"[_ .]([A-Za-z]+)$")
 OFF_WORDS: Final = frozenset(
     ("off", "idle", "false", "no", "none", "stopped", "stop", "disabled", "inactive", "closed")
 )
-"""Words for the state at which the offset holds; without one of them it is the first state in alphabetical order."""
+"""Words for the state at which the offset holds; if neither word is listed, the first in alphabetical order is used."""
 
 MAX_LISTED: Final = 6
 """Largest number of words of a column in an error message."""

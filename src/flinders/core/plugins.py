@@ -1,4 +1,4 @@
-"""Rows that other packages add to a table of the library: packages of `flinders.apps`, and installed plugins.
+"""Rows that packages of `flinders.apps` and installed plugins add to tables of the library, such as that of readers.
 
 A package of `flinders.apps` names its modules in ``rows.py``, in a mapping for each table; a module is imported at its
 first use. The library works without any of these packages.
@@ -59,7 +59,9 @@ def app_rows(table: str) -> tuple[tuple[str, str, Any], ...]:
 
 
 def remark(about: str, *, before: str = "; ") -> str:
-    """Remark of a package of `flinders.apps` on the subject `about`, after the text `before`; empty if there is none.
+    """Remark that a package of `flinders.apps` adds to messages on the subject `about`; empty if there is none.
+
+    A remark begins with the text `before`.
 
     >>> remark("no such thing")
     ''
@@ -94,9 +96,10 @@ def other_contents(path: str) -> OtherContents | None:
 
 
 def modules_of(package: ModuleType, table: str, *, first: Iterable[str] = ()) -> dict[str, str]:
-    """Full names, by short name, of the public modules of a package and of those that `flinders.apps` adds to a table.
+    """Full names, by short name, of the public modules of a package, and of the modules that `flinders.apps` adds.
 
-    The names in `first` come first if they exist, then all others in alphabetical order.
+    `table` is the table to which they are added. The names in `first` come first if they exist, then all others in
+    alphabetical order.
     """
     own = {module.name: f"{package.__name__}.{module.name}" for module in iter_modules(package.__path__)}
     there = {**{name: path for name, path in own.items() if not name.startswith("_")}, **app_modules(table)}

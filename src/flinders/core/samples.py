@@ -38,12 +38,12 @@ if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
 
 BLOCK_ROWS: Final = 8192
-"""Rows in a block: long enough for the arithmetic to dominate, short enough for the cache."""
+"""Count of rows in a block: many, so that the calls of NumPy cost little, but few enough for the cache."""
 SILENT: Final = "silent"
-"""Reason of skipped readings at which the sensor did not answer."""
+"""Reason for skipping readings at which the sensor did not answer."""
 MAX_NOTED_LINES: Final = 10  # largest number of line numbers that are stored for each reason
 ACCOMPANYING: Final = "accompanying"
-"""Reason of skipped lines that a program prints with its readings: a title, a state, a ruler."""
+"""Reason for skipping lines that a program prints between its readings: a title, a state, a ruler."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +66,7 @@ class Skipped:
 
     @property
     def kind(self) -> Hashable:
-        """Key of the rows that are counted together: the reason, for silent readings with their text."""
+        """Key by which rows are counted together: their reason, and for silent readings also their text."""
         return (self.reason, self.example) if self.is_silent else self.reason
 
     def __add__(self, other: Skipped) -> Skipped:
@@ -85,7 +85,7 @@ class Skipped:
 
     @property
     def is_loss(self) -> bool:
-        """Whether the rows should have been readings."""
+        """Whether the skipped rows should have been readings, other than titles and other accompanying lines."""
         return self.reason != ACCOMPANYING
 
 
@@ -129,7 +129,7 @@ COLUMN_NAMES: Final = {
     "attitude": ("attitude_{}", "wxyz"),
     "strength": ("reference_strength_{unit}", ""),
 }
-"""Names of `COLUMNS` in a table that the readers recognise, and the axes of a vector; motors are counted from 1."""
+"""Names of `COLUMNS` in tables that the readers recognise, each with the axes or motor numbers of its components."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -139,11 +139,11 @@ class Samples:
     field: Floats  #: (N, 3), in `unit.inside`: raw readings, in `axes`
     #: unit of the recording, ``unit.name``, and unit of `field`, ``unit.inside``
     unit: Unit = dataclasses.field(default_factory=Unit.of)
-    #: mapping from the recorded axes to those of `field`, acceleration, rate and attitude; a mirror image maps `field`
-    #: alone
+    #: mapping from the recorded axes to those of `field`, acceleration, rate and attitude; a mapping that is a mirror
+    #: image is applied to `field` alone
     axes: Axes = dataclasses.field(default_factory=Axes)
-    time: Floats | None = None  #: (N,), s: ascending in a sound recording
-    #: (N, 3): specific force in any unit: a level sensor at rest with z down reads −g on z
+    time: Floats | None = None  #: (N,), s: times of the readings, ascending in a valid recording
+    #: (N, 3): specific force in any unit; a level accelerometer at rest with z down reads −g on z
     acceleration: Floats | None = None
     rate: Floats | None = None  #: (N, 3), rad/s: angular rate of the body
     temperature: Floats | None = None  #: (N,), °C
@@ -153,23 +153,24 @@ class Samples:
     strength: Floats | None = None
     #: (N,), 0 to 1: commanded share of full thrust; NaN if not known
     throttle: Floats | None = None
-    #: (N, 4): unit quaternion w, x, y, z from the axes of `field` to north, east, down: for a perfect sensor
-    #: ``quaternions.rotate_vectors(attitude, field)`` is the field of the site. If the axes are forward, right, down,
-    #: it is the vehicle's attitude. NaN if not known. An autopilot estimates it, and its yaw may come from the compass
-    #: that is to be calibrated.
+    #: (N, 4): attitude as unit quaternion w, x, y, z, which rotates the axes of `field` to north, east, down. For a
+    #: perfect sensor ``quaternions.rotate_vectors(attitude, field)`` is the field of the site. If the axes are forward,
+    #: right, down, it is the attitude of the vehicle. NaN if not known. The yaw of an attitude that an autopilot
+    #: estimates may come from the compass that is to be calibrated.
     attitude: Floats | None = None
     currents: Floats | None = None  #: (N, M), A: current of each of M motors, the first motor first
     throttles: Floats | None = None  #: (N, M), 0 to 1: throttle of each of M motors
-    #: (N,) each, of numbers or of words: other columns of the log that the user chose, by their names there
+    #: (N,) each, numbers or words: other columns of the log that the user chose, by their names in the log
     auxiliary: Mapping[str, NDArray[Any]] = dataclasses.field(default_factory=dict)
     source: str = "array"  #: file or other origin, for messages
     #: frame of the recorded axes: ``sensor``, or ``vehicle`` if the logger rotated the readings by the mounting
     frame: str = "sensor"
     skipped: tuple[Skipped, ...] = ()  #: rows that were skipped by the reader
-    #: columns that are assumed to be the magnetometer's, such as ``1,2,3``; empty if their names or the user say so
+    #: numbers of the columns that are assumed to be the magnetometer's, such as ``1,2,3``; empty if the names of the
+    #: columns or the user determine them
     nameless: str = ""
-    #: calibration on board when the log was made, if `field` is without it. None if not known, or if `field` was logged
-    #: after it was applied.
+    #: onboard calibration when the log was made, if `field` is not corrected by it. None if not known, or if `field`
+    #: was logged after this correction.
     onboard: Calibration | None = None
 
     @classmethod
@@ -449,7 +450,7 @@ def frame_of(recording: Recording) -> str:
 
 
 def onboard_of(recording: Recording) -> Calibration | None:
-    """Calibration on board when a log was made, if the readings are without it; None if not known."""
+    """Onboard calibration when a log was made, if the readings are not corrected by it; None if not known."""
     onboard: Calibration | None = getattr(recording, "onboard", None)
     return onboard
 

@@ -57,7 +57,7 @@ def short_text(value: object) -> str:
 
 
 def _shorten(text: str, value: object) -> str:
-    """`text` if it is short enough, else the length or the type of the value."""
+    """Return `text` if it is short enough, else the length or the type of the value."""
     if len(text) <= MAX_LETTERS and "\n" not in text:
         return text
     return (

@@ -22,12 +22,12 @@ WORD_BITS: Final = (12, 13, 16, 18, 20, 24, 32)
 RANGE_ENDS: Final = tuple(end for bits in WORD_BITS for end in (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1, 2**bits - 1))
 """Ends of the range of signed and unsigned words."""
 REPEATED_BYTE_DIVISOR: Final = 257
-"""Divisor of 16-bit words whose two bytes are equal, such as 0, all ones, 0x8181."""
+"""Divisor of all 16-bit words with two equal bytes, such as 0x0000, 0x8181 and 0xFFFF."""
 WORD_RANGE: Final = 2**16
 
 
 def find_silent(field: NDArray[Any]) -> NDArray[np.bool_]:
-    """(N,) whether each of (N, 3) readings, in the recorded unit, has one such value in all three axes."""
+    """(N,) whether each of (N, 3) readings, in the recorded unit, has one of these values on all three axes."""
     alike = (field[:, 0] == field[:, 1]) & (field[:, 1] == field[:, 2])
     if alike.any():
         words = field[alike, 0]

@@ -32,7 +32,7 @@ def check_invertible(values: ArrayLike, rotation: Rotation) -> Floats:
 
 
 def is_positive_definite(array: Floats) -> bool:
-    """Whether a symmetric matrix is positive definite by more than rounding.
+    """Whether a symmetric matrix is positive definite, with a margin for rounding errors.
 
     >>> is_positive_definite(np.diag([4.0, 9.0, 16.0])), is_positive_definite(np.diag([4.0, 9.0, -1.0]))
     (True, False)

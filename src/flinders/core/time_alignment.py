@@ -39,13 +39,13 @@ MAX_GAP_INTERVALS: Final = 3.0
 """Smallest gap, in median intervals of the readings, across which readings are not interpolated."""
 
 SMOOTHED_READINGS: Final = 5
-"""Readings in the moving average before shifts are compared."""
+"""Width in readings of the moving average before shifts are compared."""
 
 MIN_DELAY_SIGMAS: Final = 6.0
 """Smallest delay that is used, in standard deviations."""
 
 MIN_DELAY_STEPS: Final = 0.1
-"""Smallest delay that is used, in steps."""
+"""Smallest delay that is used, in intervals between the common times."""
 
 MAX_TIMES: Final = 4000
 """Largest number of times at which a delay is estimated."""

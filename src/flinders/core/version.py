@@ -3,4 +3,4 @@
 from typing import Final
 
 VERSION: Final = "0.1.0"
-"""Kept here because ``importlib.metadata``, which has it too, takes longer to load than a fit."""
+"""Version of the library; it is written here because reading it by ``importlib.metadata`` takes longer than a fit."""

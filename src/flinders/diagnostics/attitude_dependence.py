@@ -1,14 +1,14 @@
 """Test for a disturbance that depends on the attitude, such as a current that follows it or a loose magnetic part.
 
-A load that grows as a body leans moves the offset by P d, where d is the vertical by an accelerometer. Most of that is
-absorbed by offset and soft iron. The rest appears in the residuals as nᵀ P d, with the surface normal n. The residuals
-are regressed on the nine products nᵢ dⱼ, after the ellipsoid and any function of the direction up to degree four are
-removed from the products, so that nonlinear axes are not mistaken for this fault.
+A current that grows as a body leans moves the offset by P d, where d is the vertical by an accelerometer and P a
+matrix. Offset and soft iron absorb most of this effect. The rest appears in the residuals as nᵀ P d, with the surface
+normal n. The residuals are regressed on the nine products nᵢ dⱼ. Functions of the direction up to degree four,
+including the ellipsoid, are removed from the products first, so that nonlinear axes are not mistaken for this fault.
 
-Slow noise follows an attitude by chance. The size of that effect comes from residuals shifted in time against the
-attitudes: for the coefficients c on an orthonormal basis of the products, with the mean C of c cᵀ over all shifts,
-cᵀC⁻¹c is Hotelling's T² of a correlated series. For noise it is about the number of coefficients, if the correlation
-time is short against the recording. `MIN_T2` and `MIN_EXPLAINED` come from simulated noise (``python -m
+Slow noise may follow the attitude by chance. How much it does is estimated by residuals that are shifted in time
+against the attitudes. Let c be the coefficients on an orthonormal basis of the products, and C the mean of c cᵀ over
+all shifts. Then cᵀC⁻¹c is Hotelling's T² of a correlated series. For noise T² is about the number of coefficients, if
+the correlation time is short against the recording. `MIN_T2` and `MIN_EXPLAINED` come from simulated noise (``python -m
 benchmarks.adversary --felt``).
 
 >>> from flinders import simulate
@@ -51,10 +51,10 @@ MIN_EIGENVALUE_RATIO: Final = 1e-8
 """Smallest ratio of an eigenvalue to the largest one; smaller ones are rounding errors."""
 
 MIN_PRODUCT_RMS: Final = 0.05
-"""Smallest rms of the part of a product that the direction of the field does not explain."""
+"""Smallest rms of the part of a product nᵢ dⱼ that the direction of the field does not explain."""
 
 MIN_SHIFT: Final = 0.05
-"""Smallest shift of residuals in time, as a share of the recording; after a smaller one they still correlate."""
+"""Smallest shift of residuals in time, as a share of the recording; after a smaller shift they are still correlated."""
 
 MIN_T2, MIN_EXPLAINED = 40.0, 0.1
 """Smallest T², and smallest explained share of the squared residuals, of a dependence on the attitude."""
@@ -64,10 +64,11 @@ MIN_T2, MIN_EXPLAINED = 40.0, 0.1
 class AttitudeDependence:
     """A disturbance of the readings that depends on the attitude."""
 
-    # largest level heading error over all attitudes, about its mean; without the part absorbed by offset and soft iron
+    # largest level heading error over all attitudes, without its mean, and without the part that offset and soft iron
+    # absorb
     heading_deg: float
-    explained: float  # share of the squared residuals that it explains
-    significance: float  # T² of up to eight coefficients; by chance about their number
+    explained: float  # share of the squared residuals that the disturbance explains
+    significance: float  # T² of up to eight coefficients; by chance it is about the number of coefficients
 
 
 def attitude_dependence_of(
@@ -114,7 +115,7 @@ def _products(directions: Floats, down: Floats, ellipsoid: Ellipsoid) -> Floats:
 
 
 def _orthonormal(columns: Floats, *, smallest: float) -> Floats:
-    """(K, k) coefficients of orthonormal combinations of (N, K) columns, of those with a square above `smallest`."""
+    """(K, k) coefficients of k orthonormal combinations of (N, K) columns with squares above `smallest`."""
     squares, vectors = np.linalg.eigh(columns.T @ columns)
     seen: NDArray[np.bool_] = squares > max(smallest, MIN_EIGENVALUE_RATIO * squares[-1])
     combinations: Floats = vectors[:, seen] / np.sqrt(squares[seen])

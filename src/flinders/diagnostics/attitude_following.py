@@ -6,7 +6,7 @@ from readings of nearly the same direction in other parts of the recording,
 
     R² = 1 − Σ (c − ĉ(u))² / Σ (c − c̄)²,        ĉ(u) the mean of the nearest readings in the other parts
 
-over readings of a left-out stretch. A column that merely changes slowly has no predictable values there.
+over readings of left-out stretches. A column that merely changes slowly with time cannot be predicted there.
 
 >>> rng = np.random.default_rng(1)
 >>> directions = rng.normal(size=(3000, 3))
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 INTERVALS_PER_FOLD: Final = 4
-"""Intervals of each fold."""
+"""Count of intervals of each fold."""
 
 MAX_READINGS: Final = 2_000
 """Largest count of readings that are compared with each other."""
@@ -42,13 +42,13 @@ MIN_COSINE: Final = float(np.cos(np.deg2rad(20.0)))
 """Cosine of the largest angle between a reading and its farthest neighbour; beyond 20° no value is predicted."""
 
 MIN_PREDICTED: Final = 0.2
-"""Smallest share of readings with neighbours that close; with fewer the result is NaN."""
+"""Smallest share of readings whose neighbours are within `MIN_COSINE`; with fewer the result is NaN."""
 
 
 def predicted_share(values: Floats, directions: Floats) -> float:
     """Share of the variance of (N,) values that (N, 3) field directions predict in left-out stretches, at most 1.
 
-    It is below 0 if the mean predicts better; NaN if too few directions recur.
+    The share is negative if the mean of all values predicts better. It is NaN if too few directions recur.
     """
     stride = -(-len(values) // MAX_READINGS)
     values, directions = values[::stride], directions[::stride]
@@ -66,7 +66,10 @@ def predicted_share(values: Floats, directions: Floats) -> float:
 
 
 def _neighbours(of: Floats, among: Floats) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """(M, k) indices of the (K, 3) directions nearest to each of (M, 3), and (M,) whether all of these are near."""
+    """(M, k) indices of the (K, 3) directions `among` that are nearest to each of the (M, 3) directions `of`.
+
+    Also (M,) whether all of these neighbours are near.
+    """
     cosines = of @ among.T
     count = min(NEIGHBOURS, len(among))
     near = np.argpartition(-cosines, count - 1, axis=1)[:, :count]

@@ -1,16 +1,17 @@
 """Test whether an axis changed its sign, or two axes were exchanged, within a recording.
 
-The cause is a restarted driver, a cable with a bad wire or firmware that changes its assumed mounting. The field at the
-sensor stays continuous, so that readings before and after the moment are continuous only if T is applied to those
-after:
+Causes are a restarted driver, a cable with a bad wire, or firmware that changes its assumed mounting. The field at the
+sensor stays continuous, but the readings jump from r₋ to r₊ at the moment of the change:
 
     r₊ = T r₋      T one of x → −x, y → −y, z → −z, x ↔ y, y ↔ z, z ↔ x
 
-for r₋ and r₊ extrapolated by half a step from before and from after. Such a moment is a candidate. The candidates are
-confirmed if the readings with all of them undone lie clearly closer to an ellipsoid than as recorded, as close as
-readings of a usable recording. A gap in the recording, or a field that is not uniform, is not confirmed. A swap of the
-whole recording has no such moment, and the mirror image of an ellipsoid is an ellipsoid, so that a magnetometer alone
-cannot show it. Neither can it show a changed sign if the offset along the axis is zero: then only headings change.
+where r₋ and r₊ are extrapolated by half a step from before and from after. Each such moment is a candidate. The
+candidates are confirmed if undoing all of them moves the readings clearly closer to an ellipsoid, as close as those of
+a usable recording. A gap in the recording, or a field that is not uniform, is not confirmed.
+
+If axes are swapped in the whole recording, there is no such moment, and the mirror image of an ellipsoid is an
+ellipsoid, so that a magnetometer alone cannot show it. A changed sign does not show either if the offset along the axis
+is zero: then only headings change.
 
 >>> import numpy as np
 >>> rng = np.random.default_rng(1)
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 SWAPS: Final = ("x", "y", "z", "xy", "yz", "zx")
-"""Possible swaps, by their axes, in the order of the engine."""
+"""Names of the possible swaps by their axes, in the order of the engine."""
 
 MAX_NOISE: Final = limit_of("noise")
 """Largest noise of readings with the swap undone, as a share of the field: the limit of a good recording."""
@@ -48,16 +49,16 @@ MAX_NOISE: Final = limit_of("noise")
 class AxisSwap:
     """Axes that changed their sign, or were exchanged, within a recording."""
 
-    axes: str  # ``x``, ``y`` or ``z`` for a sign; ``xy``, ``yz`` or ``zx`` for two that were exchanged
-    rows: tuple[int, ...]  # indices of readings at which the swap begins or ends, from 0
-    gain: float  # factor by which the distance from an ellipsoid shrinks if the swap is undone
+    axes: str  # ``x``, ``y`` or ``z`` for a changed sign; ``xy``, ``yz`` or ``zx`` for two exchanged axes
+    rows: tuple[int, ...]  # indices of the readings at which the swap begins or ends, counted from 0
+    gain: float  # factor by which the rms distance from an ellipsoid decreases if the swap is undone
 
 
 def axis_swap_of(readings: Floats, noise: float = math.inf) -> AxisSwap | None:
-    """Find the moments at which axes were swapped; None if there are none, or none can be shown.
+    """Find the moments at which axes were swapped; None if no swap is confirmed.
 
-    `readings` are (N, 3), in the order of recording, in any unit; `noise` is the noise (1 σ) of the inliers of a fit,
-    which all readings must reach after the swap is undone.
+    `readings` are (N, 3), in the order of recording, in any unit. `noise` is 1 σ of the inliers of a fit, which all
+    readings must reach after the swap is undone.
     """
     change, rows = engine().axis_swap(readings, noise, MAX_NOISE)
     if change["swap"] < 0:

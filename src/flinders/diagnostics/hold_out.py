@@ -44,7 +44,10 @@ class HoldOutMisfit(NamedTuple):
 
 
 def folds(count: int, pieces: int = 1) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
-    """Yield masks of fitted and of left-out rows for each fold: a third is left out, in evenly spread `pieces`."""
+    """Yield the masks of fitted and of left-out rows for each fold.
+
+    Each fold leaves out a third of the rows, in `pieces` intervals that are spread evenly.
+    """
     block = np.arange(count) * FOLDS * pieces // max(count, 1) % FOLDS
     for index in range(FOLDS):
         yield block != index, block == index
@@ -58,9 +61,9 @@ def fit_folds(samples: Samples, terms: tuple[str, ...], rotation: Floats | None,
     terms : tuple of str
         Names of `flinders.estimators.aiding.AIDING_TERMS`.
     rotation : (3, 3) float, optional
-        Approximate rotation of the magnetometer on the body, about which the fit searches.
+        Approximate rotation of the magnetometer on the body, which is the mean of the prior.
     near : AidedFit
-        Fit of the whole recording, at which each fit starts.
+        Fit of the whole recording, whose parameters are the start of each fit.
     """
     gyro_scale = SCALE_SIGMA if "gyro_scale" in near.layout else 0.0
     is_free = "accelerometer" in near.layout

@@ -1,7 +1,7 @@
 """Tests of the instruments recorded with a magnetometer: unit, axes, rotation about one axis, site, source of yaw.
 
-Each fault is a `Mistake` with its number, its limit and a remedy; a fit leaves untrusted instruments out.
-``python -m benchmarks.wrong_use`` measures how often each fault is found, and how often wrongly.
+Each fault is a `Mistake`, whose finding has a number, a limit and a remedy. A fit leaves instruments with a fault out.
+``python -m benchmarks.wrong_use`` measures how often each fault is found, and how often one is reported wrongly.
 
 >>> from dataclasses import replace
 >>> from flinders import simulate
@@ -56,7 +56,7 @@ if TYPE_CHECKING:
     from flinders.likelihood.site_field import Site
 
 CIRCULAR_DEG, CIRCULAR_SIGMAS, CIRCULAR_SHARE = 0.5, 3.0, 0.5
-"""Limits for a yaw from a compass: its error in degrees, over the claim, and the share of it that fits a deviation."""
+"""Limits of the yaw error that shows a yaw from a compass: degrees, ratio to the claim, share that is a deviation."""
 
 MIN_ATTITUDES: Final = 12
 """Smallest count of known attitudes for the test of the source of a yaw."""
@@ -65,41 +65,42 @@ MAX_READINGS: Final = 5000
 """Largest count of readings for the tests of the source of a yaw and of a shaken accelerometer."""
 
 MAX_ROUNDS: Final = 3
-"""Count of rounds in which an offset and the direction of the remaining field are found."""
+"""Count of rounds in which, in turn, an offset and the direction of the remaining field are found."""
 
 VERTICAL_SENSORS: Final = ("dip", "tilt", "attitude")
 """Aiding sensors that show the vertical, of which a fit uses one."""
 
 NEAR_END_SHARE, MIN_CLIPPED_RATIO = 0.05, 1.0
-"""Share of a gyro axis's range that counts as near its end, and smallest ratio of readings at the end to these."""
+"""Saturation of a gyro axis: share of its range that counts as near the end, smallest ratio of readings at to near it.
+"""
 
 MIN_STILL_READINGS, MAX_STILL_SCATTER = 100, 0.02
-"""Smallest count of readings for the tilt of an accelerometer, and largest relative scatter of |g| at rest."""
+"""Conditions for a tilt by an accelerometer: smallest count of readings, largest relative scatter of |g| at rest."""
 
 MIN_TILT_ERROR_DEG: Final = 0.5
-"""Smallest reported heading error by tilt: of 1,000 simulated accelerometers without error none reached 0.3°."""
+"""Smallest reported heading error from tilt; of 1,000 simulated accelerometers without errors none reached 0.3°."""
 
 FAR_SITE_DEG, FAR_SITE_SIGMAS = 2.0, 3.0
-"""Limits for another site: the difference of the dip in degrees, and over the standard deviation of both."""
+"""Limits of the dip's difference from that of the site: in degrees, and in standard deviations of both."""
 
 
 LEAN_DEG, LEAN_SIGMAS = 1.5, 3.0
-"""Limits for a vertical that leans in turns: its lean in degrees, and over the claimed heading error.
+"""Limits of the lean of a vertical in turns: in degrees, and as a ratio to the claimed heading error.
 
 Of 1,002 recordings without a lean none exceeds them (``python -m benchmarks.wrong_use --cases leaning --seeds 167``).
 """
 
 MIN_SIGNED_DIP_DEG: Final = 10.0
-"""Smallest dip whose sign iron nearby cannot reverse."""
+"""Smallest dip in degrees whose sign iron nearby cannot reverse."""
 
 
 @dataclass(frozen=True, slots=True)
 class Mistake:
-    """A finding on an instrument in a recording, with the sensor concerned and whether it is left out."""
+    """A fault of an aiding sensor in a recording."""
 
-    aid: str
-    finding: Finding
-    drops: bool = False
+    aid: str  # name of the aiding sensor
+    finding: Finding  # finding on the fault
+    drops: bool = False  # whether the fit leaves the sensor out
 
     @property
     def code(self) -> str:
@@ -118,13 +119,13 @@ class Mistake:
 
 
 def _mistake(code: str, aid: str, values: dict[str, Any], *, drops: bool = True) -> Mistake | None:
-    """Mistake by the rules of the catalogue from `values`; None if within its limit."""
+    """Mistake of the finding `code`, if the catalogue's rule applies to `values`; else None."""
     finding = finding_in({**values, "aid": aid}, code)
     return None if finding is None else Mistake(aid, finding, drops)
 
 
 def _certain_mistake(code: str, aid: str, values: dict[str, Any], *, drops: bool = True) -> Mistake:
-    """Make a mistake whose finding applies at any value; its numbers are not compared with a limit."""
+    """Mistake of the finding `code` without a test by a rule."""
     return Mistake(aid, certain_finding({**values, "aid": aid}, code), drops)
 
 
@@ -136,13 +137,14 @@ def instrument_mistakes(
     An instrument is left out if its axes cannot be determined. If gyro and accelerometer have different axes, the one
     that agrees with the magnetometer is used.
 
-    `alone` is the ellipsoid of the magnetometer alone; of `wanted` only ``rate`` and ``dip`` are tested; `is_signed`
-    states that the sign of the dip is known, which later distinguishes a mirrored axis from half a turn.
+    `alone` is the ellipsoid of the magnetometer alone. Of the sensors `wanted`, only ``rate`` and ``dip`` are tested.
+    `is_signed` states that the sign of the dip is known, by which a mirrored axis is later distinguished from half a
+    turn.
 
     Returns
     -------
     axes : Axes, optional
-        Axes of the magnetometer against the usable instruments, if they differ from the recorded ones.
+        Axes of the magnetometer relative to the usable instruments, if they differ from the recorded ones; else None.
     mistakes : list of Mistake
     """
     empty = [
@@ -152,7 +154,7 @@ def instrument_mistakes(
     turned = fit_gyro_axes(samples, alone) if "rate" in wanted else MountingFit()
     felt = fit_accelerometer_axes(samples, alone) if "dip" in wanted else MountingFit()
     mistakes = []
-    if turned.left > MAX_RATE_RESIDUAL:
+    if turned.residual > MAX_RATE_RESIDUAL:
         turned, mistakes = MountingFit(), [_unrelated_gyro(turned)]
     if not turned.is_as_recorded:
         contradicted = felt.is_as_recorded and not felt.is_allowed(turned.axes)
@@ -166,7 +168,7 @@ def instrument_mistakes(
 
 
 def fill_gyro_gaps(samples: Samples, wanted: Sequence[str]) -> tuple[Samples, list[Mistake]]:
-    """Fill short gaps of the gyro, see `flinders.likelihood.gyro.bridge_gaps`, with a finding on the share of readings.
+    """Fill short gaps of the gyro by `flinders.likelihood.gyro.bridge_gaps`; a finding states the share of readings.
 
     >>> from dataclasses import replace
     >>> from flinders import simulate
@@ -206,9 +208,9 @@ def gyro_contradiction(aid: str, off: float) -> Mistake:
 
 
 def lean_mistake(samples: Samples, aided: AidedFit, claimed_deg: float = 0.0) -> Mistake | None:
-    """Mistake of an accelerometer whose vertical leans in turns by more than the claim explains; None if it does not.
+    """Mistake of an accelerometer whose vertical leans in turns by more than the claim explains; None without one.
 
-    Use a fit without the accelerometer: a fit with it absorbs most of the lean.
+    `aided` should be a fit without the accelerometer, because a fit with it absorbs most of the lean.
 
     >>> from flinders import simulate
     >>> flown = simulate.tumble(seed=1, motion="flight", n=1500).samples
@@ -222,7 +224,7 @@ def lean_mistake(samples: Samples, aided: AidedFit, claimed_deg: float = 0.0) ->
 
 
 def divergence(aid: str, before_deg: float, after_deg: float) -> Mistake | None:
-    """Mistake of an aiding sensor that makes the claimed heading error many times larger; None if it does not.
+    """Mistake of an aiding sensor with which the fit claims a many times larger heading error; None without one.
 
     >>> mistake = divergence("dip", 2.1, 180.0)
     >>> mistake is not None and mistake.words[:75]
@@ -233,7 +235,7 @@ def divergence(aid: str, before_deg: float, after_deg: float) -> Mistake | None:
 
 
 def implausible_vertical(aided: AidedFit, aid: str) -> Mistake | None:
-    """Mistake of a vertical or attitude that contradicts the readings for any mounting; None if it does not.
+    """Mistake of a vertical or attitude that contradicts the readings with any mounting; None without one.
 
     >>> from flinders.geometry.quaternions import inverse, from_angles, rotate_vectors
     >>> attitude = from_angles(np.random.default_rng(1).uniform(-1.5, 1.5, (300, 3)))
@@ -263,19 +265,19 @@ def one_axis_mistakes(rate: Floats) -> list[Mistake]:
 
 def is_at_another_site(aided: AidedFit, site: Site | None) -> bool:
     """Whether the fitted dip contradicts that of the site, which the fit assumed."""
-    if site is None or site.inclination_deg is None or aided.site_off is None:
+    if site is None or site.inclination_deg is None or aided.dip_difference is None:
         return False
-    return is_other_dip(dip_of(aided), site) and abs(aided.site_off) > FAR_SITE_SIGMAS
+    return is_other_dip(dip_of(aided), site) and abs(aided.dip_difference) > FAR_SITE_SIGMAS
 
 
 def is_other_dip(seen_deg: float, site: Site, sigma_deg: float = 0.0) -> bool:
-    """Whether a dip, with its sigma, differs from that of the site by more than iron or rock can cause."""
+    """Whether a dip, with its 1 σ, differs from that of the site by more than iron or rock can cause."""
     beyond = max(FAR_SITE_DEG, FAR_SITE_SIGMAS * sigma_deg)
     return site.inclination_deg is not None and abs(seen_deg - site.inclination_deg) > beyond
 
 
 def wrong_dip_mistake(seen_deg: float, site: Site) -> Mistake:
-    """Mistake of a dip that is not the site's; with all signs of an accelerometer reversed, the dip is negated.
+    """Mistake of a dip that is not the site's; a negated dip suggests an accelerometer with all signs reversed.
 
     >>> from flinders.likelihood.site_field import Site
     >>> wrong_dip_mistake(-59.6, Site(inclination_deg=60.0)).words
@@ -300,21 +302,22 @@ def dip_of(aided: AidedFit) -> float:
 
 
 def compass_yaw_mistake(samples: Samples, reference: AidedFit, dip_deg: float) -> Mistake | None:
-    """Mistake of a logged yaw that comes from an uncalibrated compass, such as this one; None if it does not.
+    """Mistake of a logged yaw that comes from an uncalibrated compass, such as this one; None without one.
 
-    The field, corrected without that yaw and rotated into the world by the logged attitude, has a constant direction if
-    the attitude is right. Two signs show a compass: the direction is much more constant after subtracting another
-    offset; or the error depends on the heading like a deviation, A + B sin ψ + C cos ψ + D sin 2ψ + E cos 2ψ. The
-    mounting of the magnetometer comes from the logged vertical, which does not depend on yaw.
+    The field is corrected by a fit without that yaw, and rotated into the world by the logged attitude. It has a
+    constant direction if the attitude is right. There are two signs of a yaw from a compass: the direction is much more
+    constant after another offset is subtracted; or the error depends on the heading like a deviation,
+    A + B sin ψ + C cos ψ + D sin 2ψ + E cos 2ψ. The mounting of the magnetometer comes from the logged vertical, which
+    does not depend on yaw.
 
     Parameters
     ----------
     samples : Samples
-        With an attitude.
+        Readings with an attitude.
     reference : AidedFit
-        A fit that does not use that yaw.
+        A fit that does not use the yaw.
     dip_deg : float
-        Inclination for the claim of `reference`.
+        Inclination of the field, for the heading error that `reference` claims.
     """
     if samples.attitude is None:
         return None
@@ -327,14 +330,14 @@ def compass_yaw_mistake(samples: Samples, reference: AidedFit, dip_deg: float) -
         terms = (*(aid for aid in reference.aiding if aid == "rate"), "tilt")
         reference = fit_aided(samples, terms, near=reference, is_rough=True)
     matrices, field = matrices[known], samples.field[known]
-    turned = _angles_from_mean(matrices, reference.corrected(field))
+    turned = _angles_from_mean(matrices, reference.correct(field))
     off = float(np.rad2deg(np.std(turned)))
     claimed = level_error(reference.ellipsoid, reference.covariance[:9, :9], dip_deg=dip_deg).rms
     limit = max(CIRCULAR_DEG, CIRCULAR_SIGMAS * claimed)
     columns = design(np.rad2deg(np.arctan2(matrices[:, 1, 0], matrices[:, 0, 0])))
     follows = columns[:, 1:] @ np.linalg.lstsq(columns, turned, rcond=None)[0][1:]
     deviation = float(np.rad2deg(np.std(follows)))
-    shaped = reference.corrected(field), field @ reference.parameters.rotation.T
+    shaped = reference.correct(field), field @ reference.parameters.rotation.T
     by_offset = min(float(np.rad2deg(np.std(_angles_with_offset(matrices, seated)))) for seated in shaped)
     if deviation > limit and np.var(follows) > CIRCULAR_SHARE * np.var(turned):
         amount = deviation
@@ -346,9 +349,9 @@ def compass_yaw_mistake(samples: Samples, reference: AidedFit, dip_deg: float) -
 
 
 def vertical_error_deg(field: Floats, acceleration: Floats, calibration: Calibration, estimate: Estimate) -> float:
-    """Heading error (1 σ, degrees) from a vertical that leans with the attitude, by the dip of (N, 3) readings.
+    """Heading error (1 σ, degrees) from errors of the vertical that depend on the attitude, by the dip of readings.
 
-    NaN if the accelerometer was shaken, and below `MIN_TILT_ERROR_DEG`.
+    `field` and `acceleration` are (N, 3). NaN if the accelerometer was shaken, or below `MIN_TILT_ERROR_DEG`.
     """
     if len(field) < MIN_STILL_READINGS:
         return math.nan
@@ -372,7 +375,7 @@ def _correlated_error_deg(estimate: Estimate) -> float:
 
 
 def _empty_column(samples: Samples, aid: str) -> Mistake | None:
-    """Mistake of a column without values; None also if there is no such column."""
+    """Mistake of a column without values; None for a column with values, and without such a column."""
     if aid == "rate" and samples.rate is not None and samples.time is not None:
         inside = gyro.window_rows(samples.time, samples.rate)
         usable = inside.size
@@ -386,7 +389,7 @@ def _empty_column(samples: Samples, aid: str) -> Mistake | None:
 
 
 def _clipped_gyro(samples: Samples, aid: str) -> Mistake | None:
-    """Mistake of a saturated gyro: many readings at the end of an axis's range, many more than just before it."""
+    """Mistake of a saturated gyro: many readings at the end of an axis's range, many more than near the end."""
     if aid != "rate" or samples.rate is None:
         return None
     known = samples.rate[np.isfinite(samples.rate).all(axis=1)]
@@ -404,7 +407,7 @@ def _clipped_gyro(samples: Samples, aid: str) -> Mistake | None:
 
 def _unrelated_gyro(mounted: MountingFit) -> Mistake:
     """Mistake of a gyro that does not explain the change of the field in any unit and axes."""
-    return _certain_mistake("gyro-differs", "rate", {"gyro_leaves": mounted.left})
+    return _certain_mistake("gyro-differs", "rate", {"gyro_leaves": mounted.residual})
 
 
 def _wrong_axes(aid: str, mounted: MountingFit, *, contradicted: bool, is_signed: bool) -> Mistake:
@@ -413,19 +416,19 @@ def _wrong_axes(aid: str, mounted: MountingFit, *, contradicted: bool, is_signed
         rate_unit = "" if mounted.unit == RAD_S else mounted.unit
         axes = "" if mounted.axes.is_identity else str(mounted.axes)
         return _certain_mistake(
-            "gyro-unit", aid, {"times_better": mounted.better, "rate_unit": rate_unit, "axes": axes}
+            "gyro-unit", aid, {"times_better": mounted.improvement, "rate_unit": rate_unit, "axes": axes}
         )
     drops = contradicted or not mounted.is_clear or mounted.axes.is_mirror
     is_half_turn = mounted.axes.order == (0, 1, 2) and not is_signed
     clear = "half-turned" if is_half_turn else "clear"
     seat = "contradicted" if contradicted else clear if mounted.is_clear else "unclear"
     seat = "mirrored" if mounted.axes.is_mirror else seat
-    values = {"times_better": mounted.better, "axes": str(mounted.axes), "seat": seat}
+    values = {"times_better": mounted.improvement, "axes": str(mounted.axes), "seat": seat}
     return _certain_mistake("swapped-axes", aid, values, drops=drops)
 
 
 def _angles_from_mean(matrices: Floats, corrected: Floats) -> Floats:
-    """(N,) horizontal angle of a field (N, 3) in world axes from its mean direction, rad."""
+    """(N,) horizontal angle in rad of each corrected field from the mean direction, after rotation into world axes."""
     world = np.einsum("nij,nj->ni", matrices, corrected)
     across = world[:, 0] + 1j * world[:, 1]
     middle = np.sum(across)
@@ -448,23 +451,23 @@ def _angles_with_offset(matrices: Floats, field: Floats) -> Floats:
 
 
 MEAN_S: Final = 1.0
-"""Duration over which readings are averaged; turns last longer."""
+"""Duration in s over which readings are averaged; turns last longer."""
 
 MIN_MEANS: Final = 20
-"""Smallest count of means, for nine unknowns."""
+"""Smallest count of means over `MEAN_S`, for nine unknowns."""
 
 
 def lean_in_turns_deg(samples: Samples, aided: AidedFit) -> float:
     """Angle (rms, degrees) by which the vertical of an accelerometer leans in proportion to the rate of rotation.
 
-    A vehicle that turns at the rate ω with speed s is accelerated sideways by sω, and its vertical v leans to the other
-    side by ωw, with w constant in the body. The residual of the dip of a fit, |v| sin I − vᵀq, then contains ω wᵀq.
-    Means over 1 s are regressed on the three products, and |w| times the rms rate is the lean. If the fit does not
-    include the accelerometer, its rotation against the magnetometer adds multiples of the components of v × q, and its
-    bias multiples of those of q − (vᵀq)v: these are further regressors.
+    A vehicle that turns at the rate ω with speed s is accelerated sideways by sω. Its vertical v then leans to the
+    other side by ωw, with w constant in the body. The residual of the dip, |v| sin I − vᵀq, contains ω wᵀq. Means over
+    1 s of the residual are regressed on the three components of ωq, and |w| times the rms rate is the lean. If the fit
+    does not include the accelerometer, its rotation and its bias are unknown. They add multiples of the components of v
+    × q and of q − (vᵀq)v, which are further regressors.
 
-    `samples` need times and an acceleration; `aided` is a fit to them, best without ``dip``, as a fit with it absorbs
-    part of the lean. The result is 0 if no lean can be determined.
+    `samples` need times and an acceleration. `aided` is a fit to them, best without ``dip``, because a fit with it
+    absorbs part of the lean. The result is 0 if no lean can be determined.
 
     >>> from flinders import simulate
     >>> swayed, flown = (simulate.tumble(seed=1, motion=motion, n=1500).samples for motion in ("swayed", "flight"))
@@ -475,7 +478,7 @@ def lean_in_turns_deg(samples: Samples, aided: AidedFit) -> float:
         return 0.0
     down, trust = dip.accelerometer_verticals(samples.acceleration)
     known = (trust > 0.0) & np.isfinite(samples.time)
-    field, time = aided.corrected(samples.field[known]), samples.time[known]
+    field, time = aided.correct(samples.field[known]), samples.time[known]
     if not len(time) > 1 or not np.all(np.diff(time) > 0.0):
         return 0.0
     vertical, _ = dip.correct_verticals(down[known], aided.parameters.accelerometer)

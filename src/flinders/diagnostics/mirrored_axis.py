@@ -1,9 +1,9 @@
 """Test whether an axis of the magnetometer has the wrong sign, which makes its axes left-handed.
 
-Neither a gyro nor the constancy of the dip shows that. Let F reverse the sign of one axis; then −F is a rotation by
-180° about it, and readings F m are those of a sensor rotated by −F in a field −m. A gyro explains the change of −m as
-well as that of m, and the angle of −m to the vertical is constant as well. Only the sign of the dip, known from the
-site, distinguishes the two.
+Neither a gyro nor a constant dip excludes such an axis. Let F reverse the sign of one axis; then −F is a rotation by
+180° about this axis. The readings F m are those of a sensor that is rotated by −F in a field −m. A gyro explains the
+change of −m as well as that of m, and the angle of −m to the vertical is also constant. Only the sign of the dip, known
+from the site, shows the wrong sign.
 
 >>> from flinders.likelihood.site_field import Site
 >>> mistake = mirrored_axis(-64.1, Site(inclination_deg=64.0), np.diag([1.0, -1.0, -1.0]))
@@ -32,20 +32,21 @@ if TYPE_CHECKING:
     from flinders.likelihood.site_field import Site
 
 MAX_DIP_DIFFERENCE_DEG: Final = 10.0
-"""Largest difference between the dip of a mirrored sensor and the negated dip of the site, for iron or rock nearby."""
+"""Largest difference in degrees of a mirrored sensor's dip from the negated dip of the site, by iron or rock nearby."""
 
 
 def mirrored_axis(seen_deg: float, site: Site, rotation: Floats | None) -> Mistake | None:
-    """Mistake of an axis with the wrong sign; None if the dip does not show one.
+    """Mistake of an axis with the wrong sign; None without one.
 
-    The dip shows one if it has the sign of the site's dip only after the sign of that axis is reversed.
+    An axis has the wrong sign if the dip has the sign of the site's dip only after the sign of this axis is reversed.
 
     Parameters
     ----------
     seen_deg : float
         Dip of the readings rotated by `rotation`.
     rotation : (3, 3) float, optional
-        From the axes of the magnetometer to those of the body. The result is None if unknown or nearest to unity.
+        Rotation from the axes of the magnetometer to those of the body. The result is None if the rotation is unknown,
+        or nearer to the identity than to a half turn about an axis.
     """
     there = site.inclination_deg or 0.0
     turned = None if rotation is None else nearest_axes(rotation)
@@ -62,7 +63,10 @@ def mirrored_axis(seen_deg: float, site: Site, rotation: Floats | None) -> Mista
 
 
 def median_dip_deg(samples: Samples, ellipsoid: Ellipsoid, axes: Axes) -> float:
-    """Median dip of a magnetometer with other `axes`, by an accelerometer that may lean in turns; NaN without one."""
+    """Median dip in degrees of a magnetometer with the mapping `axes`, by an accelerometer; NaN without one.
+
+    The median is hardly changed by an accelerometer that leans in turns.
+    """
     if samples.acceleration is None:
         return math.nan
     down, trust = dip.accelerometer_verticals(samples.acceleration)

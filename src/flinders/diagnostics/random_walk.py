@@ -4,15 +4,15 @@ The shape is fixed, and the offset changes by q per root of a second,
 
     b(t + dt) = b(t) + w,   cov w = q² dt · 1,        s_k = n_k · (b(t_k) − b) + noise
 
-with s and n the Sampson distance and the normal of each reading. Readings of a short span are summed to their normal
-equations, Σ n nᵀ and Σ n s; a Kalman filter runs over the spans, and a smoother back. q maximises the likelihood of the
-recording. Without a walk (q = 0) the offset is that of the fit; twice the logarithm of the likelihood ratio tests
-against that: as q cannot be negative, it exceeds 2.7 by chance in one recording of twenty. Correlated residuals count
-as the equivalent number of independent ones, else a body near iron would be mistaken for a walk.
+with s and n the Sampson distance and the normal of each reading. Readings of a short span are summed to normal
+equations, Σ n nᵀ and Σ n s. A Kalman filter runs over the spans, and a smoother back. q maximises the likelihood of the
+recording. The test statistic is twice the logarithm of the likelihood ratio of q and of q = 0, a constant offset. As q
+cannot be negative, chance gives more than 2.7 in one recording of twenty. Correlated residuals count as the equivalent
+number of independent ones; otherwise residuals of a body near iron would be mistaken for a walk.
 
 When to use it: for a recording over minutes or hours in which the sensor warms up or cargo moves. Do not correct with
-the last offset, which is as uncertain as if it came from a few readings. A single step also appears as a walk, and
-`path` shows its time.
+the last offset, which is as uncertain as an offset from a few readings. A single step also appears as a walk;
+`RandomWalk.path` shows its time.
 
 Source: Kalman (1960); smoothing after Rauch, Tung, Striebel (1965); the variance of a walk by its innovations as in
 Harvey, "Forecasting, Structural Time Series Models and the Kalman Filter" (1989), §3.4.
@@ -61,13 +61,13 @@ MIN_READINGS: Final = 100
 """Smallest count of readings; with fewer a walk cannot be distinguished from noise."""
 
 MAX_RESIDUAL_SIGMAS: Final = 4.0
-"""Standard deviations at which a residual is clipped, as that of an outlier."""
+"""Largest residual in standard deviations; larger residuals, those of outliers, are clipped to it."""
 
 MIN_LIKELIHOOD_GAIN: Final = 2.7
-"""Twice the logarithm of the likelihood ratio that chance exceeds in one recording of twenty."""
+"""Smallest test statistic of a proven walk, which chance exceeds in one recording of twenty."""
 
 TRIAL_SIZES: Final = 25
-"""Count of trial sizes of a walk, from none to one field strength over the recording."""
+"""Count of tried sizes of a walk, from none to one field strength over the recording."""
 
 BARS: Final = "▁▂▃▄▅▆▇█"
 
@@ -76,14 +76,14 @@ BARS: Final = "▁▂▃▄▅▆▇█"
 class RandomWalk:
     """Random walk of the offset in a recording."""
 
-    random_walk_per_root_s: float  #: q, in the unit of the readings; the most likely one, 0 for a constant offset
+    random_walk_per_root_s: float  #: most likely q, in the unit of the readings per √s; 0 for a constant offset
     random_walk_upper_bound: float  #: upper limit of q with a probability of 95 %
     log_likelihood_gain: float  #: twice the logarithm of the likelihood ratio of the walk and a constant offset
     time: Floats  #: (K,), s: middle of each span
     path: Floats  #: (K, 3): offset at `time` minus that of the fit; constant if no walk is proven
-    #: (K, 3): standard deviation of `path`; if no walk is proven, rms distance from `path` of the largest possible walk
+    #: (K, 3): standard deviation of `path`; if no walk is proven, rms distance of a walk with the upper bound from it
     sigma: Floats
-    field: float  #: radius of the ellipsoid, in the same unit
+    field: float  #: radius of the ellipsoid, in the unit of the readings
 
     @property
     def is_proven(self) -> bool:
@@ -103,7 +103,7 @@ class RandomWalk:
     def valid_for_s(self, level_deg: float, *, dip_deg: float = 60.0) -> float:
         """Time in s until the walk causes a heading error of `level_deg` (1 σ).
 
-        A walk changes the heading by q √t / (F cos dip). If none is proven, the largest possible walk is used.
+        A walk changes the heading by q √t / (F cos dip). If no walk is proven, q is its upper bound.
 
         >>> walk = RandomWalk(0.0, 0.01, 0.0, np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3)), 50.0)
         >>> round(walk.valid_for_s(1.0) / 60.0)
@@ -115,11 +115,11 @@ class RandomWalk:
 
     @property
     def max_undetected_change(self) -> float:
-        """Change of the offset (1 σ) by the largest possible walk over the recording, in the unit of the readings."""
+        """Change of the offset (1 σ) over the recording by a walk with the upper bound, in the unit of the readings."""
         return float(self.random_walk_upper_bound * np.sqrt(self.seconds))
 
     def is_determined(self, level_deg: float, *, dip_deg: float = 60.0) -> bool:
-        """Whether a walk that causes a heading error of `level_deg` within the recording would be detected."""
+        """Whether the test would detect a walk that causes a heading error of `level_deg` within the recording."""
         return self.is_proven or self.valid_for_s(level_deg, dip_deg=dip_deg) >= self.seconds
 
     def words(self, unit: str, *, level_deg: float = 1.0, dip_deg: float = 60.0) -> str:
@@ -130,7 +130,7 @@ class RandomWalk:
         return f"{story}; {level_deg:g}° of heading (1 σ, dip {dip_deg:.0f}°) takes {least}{lifetime}"
 
     def story(self, unit: str, *, level_deg: float = 1.0, dip_deg: float = 60.0) -> str:
-        """Sentence on the change of the offset, or that it cannot be determined to `level_deg`."""
+        """Sentence on the change of the offset, or on that it cannot be determined to `level_deg`."""
         over = duration_text(self.seconds)
         if not self.is_determined(level_deg, dip_deg=dip_deg):
             return (
@@ -202,17 +202,18 @@ def random_walk_of(
     Parameters
     ----------
     readings : (N, 3) float
-        In the order of recording.
+        Readings in the order of recording.
     time : (N,) float, s
+        Times of the readings.
     ellipsoid : Ellipsoid
-        Fit to the readings.
+        Ellipsoid of a fit.
     plane : str, optional
         Plane of a fit to readings in one plane.
     dip_deg : float
-        With a plane: the inclination of the fit.
+        Inclination of the field of such a fit.
     is_own : bool
-        Whether the ellipsoid is the fit to these readings, so that their residuals are noise. For another ellipsoid,
-        noise is the residual after subtracting a constant offset in each of twelve pieces.
+        Whether the ellipsoid was fitted to these readings, so that their residuals are noise. For another ellipsoid,
+        noise is what remains after subtracting a constant offset in each of twelve pieces.
     """
     if time is None or not bool(np.all(np.diff(time) >= 0.0)) or time[-1] <= time[0]:
         raise NeedsSamples("walk")
@@ -240,7 +241,7 @@ def _smoothed_path(spans: _Spans, q: float, radius: float) -> tuple[Floats, Floa
 
 
 def _constant_path(spans: _Spans, at_most: float, radius: float) -> tuple[Floats, Floats]:
-    """Constant path (K, 3), and rms distance (K, 3) from it of a walk of size `at_most`."""
+    """Constant path (K, 3), and rms distance (K, 3) of a walk of size `at_most` from it."""
     paths, covariances = _run_smoother(_run_filter(spans, np.array([0.0, at_most]), radius))
     path = np.tile(paths[-1, 0], (len(paths), 1))  # the same in all spans except for rounding
     return path, np.hypot(paths[:, 1] - path, _sigma(covariances[:, 1]))
@@ -314,7 +315,7 @@ def _correlation_length(left: Floats, jacobian: Floats, time: Floats) -> float:
 
 
 def _piecewise_effect(left: Floats, jacobian: Floats, time: Floats) -> Floats:
-    """(N,) effect on the distances of an offset that is constant in each twelfth of the recording."""
+    """(N,) part of the distances that an offset explains which is constant in each twelfth of the recording."""
     slow = np.clip(((time - time[0]) / (time[-1] - time[0]) * 12.0).astype(int), 0, 11)
     smooth = np.zeros(len(left))
     for part in range(12):
@@ -326,13 +327,13 @@ def _piecewise_effect(left: Floats, jacobian: Floats, time: Floats) -> Floats:
 
 
 class _FilterRun(NamedTuple):
-    """States and covariances of a Kalman filter before and after each span, for each of T sizes of a walk."""
+    """States of T Kalman filters, one for each size of a walk, before and after each of K spans."""
 
     likelihood: Floats  #: (T,): logarithm of the likelihood, up to a constant
-    before: Floats  #: (K, T, 3)
-    after: Floats  #: (K, T, 3)
-    covariance_before: Floats  #: (K, T, 3, 3)
-    covariance_after: Floats  #: (K, T, 3, 3)
+    before: Floats  #: (K, T, 3): offset before the update by each span
+    after: Floats  #: (K, T, 3): offset after the update by each span
+    covariance_before: Floats  #: (K, T, 3, 3): covariance of `before`
+    covariance_after: Floats  #: (K, T, 3, 3): covariance of `after`
 
 
 def _run_filter(spans: _Spans, sizes: Floats, radius: float) -> _FilterRun:
@@ -345,7 +346,7 @@ def _run_filter(spans: _Spans, sizes: Floats, radius: float) -> _FilterRun:
     sizes : (T,) float
         Sizes q of a walk, with one filter for each.
     radius : float
-        Radius of the ellipsoid; the initial offset has a standard deviation of a tenth of it.
+        Radius of the ellipsoid; 1 σ of the initial offset is a tenth of it.
     """
     count, unity = len(spans.time), np.eye(3)
     steps = np.diff(spans.time, prepend=spans.time[0])
@@ -384,7 +385,7 @@ def _run_smoother(filtered: _FilterRun) -> tuple[Floats, Floats]:
 
 
 def _refine_size(sizes: Floats, likelihoods: Floats, best: int) -> float:
-    """The most likely size, by a parabola in its logarithm; 0 if no walk is most likely."""
+    """Most likely size of a walk, by a parabola in the logarithm of the size; 0 if a constant offset is most likely."""
     if best == 0:
         return 0.0
     if not 1 < best < len(sizes) - 1:

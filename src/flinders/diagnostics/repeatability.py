@@ -1,7 +1,7 @@
 """Comparison of several recordings of one sensor with each other.
 
-Each is fitted separately. A scatter beyond their claims shows that something changed between recordings: a battery that
-moved, another place, the cover put on. The residuals of a joint fit hardly show it.
+Each recording is fitted separately. If the fits scatter by more than they claim, something changed between recordings:
+a battery was moved, the place is another one, the cover was put on. The residuals of a joint fit hardly show this.
 
 >>> from flinders.geometry.ellipsoid import Ellipsoid
 >>> sphere, moved = (Ellipsoid(np.array([x, 0.0, 0.0]), 50.0 * np.eye(3)) for x in (0.0, 3.0))
@@ -37,7 +37,7 @@ class RecordingFit:
     source: str
     samples: int  #: readings used
     ellipsoid: Ellipsoid
-    covariance: Floats  #: (9, 9): of offset b and shape S, in unit²
+    covariance: Floats  #: (9, 9): covariance of offset b and shape S, in unit²
 
     @property
     def parameters(self) -> Floats:
@@ -51,10 +51,10 @@ class Repeat:
 
     source: str  #: name of the recording
     samples: int  #: readings used
-    claimed_deg: float  #: claimed worst level heading error of its separate fit, 1 σ
-    difference_deg: float  #: worst level heading difference from the others
-    difference_sigma_deg: float  #: standard deviation of that difference by both claims
-    offset_difference: float  #: distance of its offset from that of the others, in the unit of the readings
+    claimed_deg: float  #: worst level heading error that the separate fit claims, 1 σ
+    difference_deg: float  #: worst level heading difference of this recording from the others
+    difference_sigma_deg: float  #: standard deviation of `difference_deg` by both claims
+    offset_difference: float  #: distance of the offset from that of the others, in the unit of the readings
     p_value: float  #: probability that one of so many recordings differs as much by chance, over all nine parameters
 
 
@@ -62,8 +62,9 @@ class Repeat:
 class Repeats:
     """Comparison of recordings of one sensor."""
 
-    parts: tuple[Repeat, ...]  #: in the order given, without recordings that give no separate fit
-    scatter: Floats  #: (9, 9): addition to the covariance of a joint fit by the scatter, in unit²
+    #: comparison of each recording with the others, in the order given; recordings without a separate fit are left out
+    parts: tuple[Repeat, ...]
+    scatter: Floats  #: (9, 9): covariance that the scatter adds to that of a joint fit, in unit²
     scatter_deg: float  #: worst level heading error (1 σ) from the scatter alone
     p_value: float  #: probability of as much scatter by chance
 
@@ -73,7 +74,7 @@ class Repeats:
         return min(self.parts, key=lambda part: (part.p_value, -part.difference_deg))
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
+        """Values for JSON, by name."""
         return {
             "p_value": self.p_value,
             "scatter_deg": self.scatter_deg,
@@ -82,7 +83,7 @@ class Repeats:
 
 
 def compare_recordings(parts: Sequence[RecordingFit], *, dip_deg: float) -> Repeats:
-    """Compare two or more recordings, for a level vehicle at a dip."""
+    """Compare two or more recordings of one sensor; headings are those of a level vehicle at `dip_deg`."""
     parameters, covariances = [part.parameters for part in parts], [part.covariance for part in parts]
     together = pool(parameters, covariances)
     middle = parts[0].ellipsoid

@@ -4,9 +4,10 @@ Drift. An offset that changes steadily, and a field that grows, cause residuals 
 
     s = J δθ + t (n · ḃ + n · S u ġ),      −½ ≤ t ≤ ½ over the recording
 
-plus noise. ḃ and ġ are found by least squares together with the nine parameters, and compared with their scatter by
-chance, which the remaining correlated residuals give. If a sensor is turned from pole to pole along a spiral, time and
-direction are not independent: combinations that only noise could distinguish are left out
+plus noise. J δθ is the effect of the nine parameters, ḃ the change of the offset and ġ the relative growth of the field
+over the recording. ḃ and ġ are found by least squares together with the nine parameters, and compared with their
+scatter by chance, by the correlated residuals that remain. If a sensor is turned from pole to pole along a spiral, time
+and direction are not independent. Combinations that only noise could distinguish are then left out
 (`flinders.likelihood.identifiability`).
 
 >>> from flinders.geometry.ellipsoid import Ellipsoid
@@ -19,11 +20,11 @@ direction are not independent: combinations that only noise could distinguish ar
 >>> round(drift.offset[0], 1), round(drift.heading_deg, -1), drift.p_value < 0.001
 (4.0, 10.0, True)
 
-Nonlinear axes. Let t be the linear reading of an axis from the centre and r the radius of the ellipsoid. A nonlinear
-axis adds r q (t/r)² + r c (t/r)³ to the reading. That causes residuals that fit no ellipsoid, and moves offset and
-matrix. It happens near the end of a sensor's range, or in a strong field of the vehicle. q and c of the three axes are
-found by least squares together with the nine parameters, weighted by the noise of the fit, slow noise included
-(`nonlinearity.c`).
+Nonlinear axes. Let t be the linear reading of an axis from the centre, and r the radius of the ellipsoid. A nonlinear
+axis adds r q (t/r)² + r c (t/r)³ to the reading. This causes residuals that fit no ellipsoid, and moves offset and
+matrix. Axes are nonlinear near the end of a sensor's range, or in a strong field of the vehicle. q and c of the three
+axes are found by least squares together with the nine parameters, weighted by the noise of the fit, including slow
+noise (`nonlinearity.c`).
 
 >>> field = 50.0 * directions + rng.normal(scale=0.5, size=directions.shape)
 >>> field[:, 0] += 0.03 * 50.0 * directions[:, 0] ** 2
@@ -35,9 +36,9 @@ found by least squares together with the nine parameters, weighted by the noise 
 
 A fit with `linearize` corrects such axes: `flinders.fitting.linearization`.
 
-Lags. While the sensor turns, the error of an axis that is read later than the others is its rate of change times the
-lag, which moves offset and matrix. The lags about their mean are found together with the nine parameters in the same
-way (`lag.c`); a lag common to all axes causes no residual and no error.
+Lags. An axis that is read later than the others has, while the sensor turns, an error of its rate of change times the
+lag, which moves offset and matrix. The lags minus their mean are found in the same way, together with the nine
+parameters (`lag.c`). A lag common to all axes causes no residual and no error.
 """
 
 from __future__ import annotations
@@ -57,21 +58,22 @@ if TYPE_CHECKING:
     from flinders.native.layouts import Records
 
 MAX_P_VALUE: Final = 1e-4
-"""Largest p-value of proven nonlinear or late axes; fewer than one of a thousand recordings reach it by chance."""
+"""Largest p-value of proven nonlinear or late axes; fewer than one of a thousand recordings have it by chance."""
 
 MAX_LIKELY_P_VALUE: Final = 0.01
+"""Largest p-value of nonlinear axes that are corrected on request."""
 
 
 @dataclass(frozen=True, slots=True)
 class Drift:
     """A steady change over a recording, from its beginning to its end."""
 
-    offset: tuple[float, float, float]  # (3,): in the unit of the readings
+    offset: tuple[float, float, float]  # (3,): change of the offset, in the unit of the readings
     strength: float  # change of the field strength, as a fraction of it
     heading_deg: float  # worst level heading error from the change of the offset
-    p_value: float  # probability of as much by chance
-    # heading difference between the halves of the recording at the worst heading, over its claimed sigma; computed if
-    # the change is proven and below the target
+    p_value: float  # probability of a change as large by chance
+    # ratio of the heading difference between the halves of the recording, at the worst heading, to its claimed 1 σ;
+    # None unless the change is proven and below the target
     halves_ratio: float | None = None
 
 
@@ -96,11 +98,11 @@ def drift_in(record: Records) -> Drift | None:
 class Nonlinearity:
     """Quadratic and cubic terms of the axes."""
 
-    # (3,): error of the reading of an axis with the field along it, as a fraction of the field
+    # (3,): error of each axis from the quadratic term with the field along the axis, as a fraction of the field
     quadratic: tuple[float, float, float]
-    cubic: tuple[float, float, float]  # (3,): the same for the cubic term
-    heading_deg: float  # worst level heading error from the terms; if corrected, the remaining error, 1 σ
-    p_value: float  # probability of as much by chance
+    cubic: tuple[float, float, float]  # (3,): error of each axis from the cubic term, as a fraction of the field
+    heading_deg: float  # worst level heading error from the terms; if they are corrected, the remaining error, 1 σ
+    p_value: float  # probability of terms as large by chance
     is_corrected: bool = False  # whether the calibration linearizes the axes
 
     @property
@@ -110,7 +112,7 @@ class Nonlinearity:
 
     @property
     def is_likely(self) -> bool:
-        """Whether the terms are unlikely by chance, which is enough for a requested correction."""
+        """Whether the terms are unlikely by chance, which is sufficient for a requested correction."""
         return self.p_value < MAX_LIKELY_P_VALUE
 
     @property
@@ -120,7 +122,7 @@ class Nonlinearity:
 
     @property
     def share(self) -> float:
-        """Largest error of the reading of that axis within ± the field strength, as a fraction of the field."""
+        """Largest error of a reading of `axis` between ± the field strength, as a fraction of the field."""
         return max(self._sizes)
 
     @property
@@ -145,11 +147,11 @@ def nonlinearity_in(record: Records) -> Nonlinearity | None:
 class AxisLag:
     """Delay of each axis."""
 
-    # (3,): of x, y and z about their mean, in s, or in readings if the recording has no times
+    # (3,): lags of x, y and z minus their mean, in s, or in readings if the recording has no times
     lags: tuple[float, float, float]
-    is_timed: bool  # whether they are in s
+    is_timed: bool  # whether `lags` are in s
     heading_deg: float  # worst level heading error from the lags, of a vehicle at rest
-    p_value: float  # probability of as much by chance
+    p_value: float  # probability of lags as large by chance
     is_corrected: ClassVar[bool] = False  # a calibration cannot correct lags, as it does not get the rate of rotation
 
     @property
@@ -164,7 +166,7 @@ class AxisLag:
 
     @property
     def lag(self) -> float:
-        """Delay of the axis with the largest lag behind the mean of the other two."""
+        """Delay of `axis` behind the mean of the other two, in s or in readings."""
         return 1.5 * self.lags[self._place]
 
     @property

@@ -1,8 +1,8 @@
 """Test whether readings follow a recorded column that the fit does not use, such as a motor's current.
 
 If a disturbance c moves the offset by p per unit, residuals of a fit without it are n·p (c − c̄) for surface normals n,
-except for the part that the nine parameters of the ellipsoid absorb. Residuals are regressed on p and these parameters;
-p is significant if it explains far more than correlated residuals do by chance (`disturbance.c`).
+except for the part that the nine parameters of the ellipsoid absorb. Residuals are regressed on p and these parameters.
+p is significant if it explains far more of the residuals than chance does for correlated residuals (`disturbance.c`).
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -34,7 +34,7 @@ MIN_READINGS: Final = 100
 """Smallest count of readings for the test."""
 
 MIN_CHI2: Final = 40.0
-"""Smallest significant χ² with three degrees of freedom, for independent readings: by chance once in 10⁸."""
+"""Smallest significant χ² with three degrees of freedom, for independent readings: exceeded by chance once in 10⁸."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,8 +44,8 @@ class Unmodelled:
     name: str  # ``current``, ``throttle`` or ``temperature``
     # approximate change of the offset per unit of the disturbance, in the unit of the readings
     per_unit: tuple[float, ...]
-    heading_deg: float  # largest level heading error at the far end of its recorded range
-    chi_square: float  # χ² that it explains in the residuals, for independent readings
+    heading_deg: float  # largest level heading error at the far end of the disturbance's recorded range
+    chi_square: float  # χ² of the residuals that the disturbance explains, for independent readings
 
 
 def unmodelled_of(

@@ -1,10 +1,10 @@
 """Test whether a sensor was hardly turned: all readings lie around one point and show no surface.
 
-Any fit to such readings follows their noise: it finds a well-covered ellipsoid as small as the noise. With strong iron
-nearby, readings of a fully turned sensor also lie in one direction from zero, so that a small angle alone proves
-nothing. The middle of the cloud distinguishes the two. Readings on a surface, or on a ring or an arc of it, stay away
-from their mean: in units of their principal standard deviations none is close to it. Noise, a slow drift and a wobble
-fill the middle.
+Any fit to such readings follows their noise: it finds a well-covered ellipsoid as small as the noise. A small angle
+between the readings, as seen from zero, does not prove that the sensor was hardly turned, because with strong iron
+nearby readings of a fully turned sensor also lie in one direction. The middle of the cloud distinguishes the two cases.
+Readings on a surface, or on a ring or an arc of it, are all far from their mean, in units of their principal standard
+deviations. Noise, a slow drift and a wobble give readings near the mean.
 
 >>> import numpy as np
 >>> from flinders.summary.summary import Summary
@@ -17,12 +17,12 @@ fill the middle.
 >>> unmoved_deg(Summary.of([300.0, 400.0, 0.0] + 50.0 * directions), MICROTESLA) is None      # ten fields of iron
 True
 
-The angle is the one that the readings span, as seen from the centre of their sphere. That centre is one field strength
-away from them, in an unknown direction. If the readings show their curvature, the sphere is known. Else the size of
-their mean is used as the strength, which is right as long as the offset is small. In µT it is limited to 22 to 67 µT,
-the range of the earth's field, so that iron many times stronger than the field does not make the angle small, nor an
-offset that cancels the field make it large. In counts only the mean is known: near iron n times stronger than the
-field, the true angle is about n times larger.
+The result is the angle that the readings span, as seen from the centre of their sphere. The centre is one field
+strength away from the readings, in an unknown direction. If the readings are curved, they determine the sphere. Else
+the length of their mean is used as the strength, which is right if the offset is small. In µT this strength is limited
+to 22 to 67 µT, the range of the earth's field. Otherwise iron many times stronger than the field would make the angle
+too small, and an offset that cancels the field would make it too large. In counts no such limit is known: near iron n
+times stronger than the field, the true angle is about n times larger.
 """
 
 from __future__ import annotations

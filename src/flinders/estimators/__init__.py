@@ -1,8 +1,8 @@
 """Methods that estimate the ellipsoid, one file each: formula, when to use it and when not, source and an example.
 
-Each file of a method ends with its row, ``METHOD``, which registers it: a new method needs only a new file of its name.
-`METHODS` maps names to classes; the rows give the lists in docs and command line. The file of a method is imported at
-its first use.
+Each file of a method ends with a row, ``METHOD``, which registers the method: a new method needs only a new file.
+`METHODS` maps names to classes; lists in docs and command line are made of the rows. The file of a method is imported
+at its first use.
 
 >>> METHODS["consistent"]()
 Consistent()
@@ -40,7 +40,7 @@ FIRST_METHODS: Final = (
     "auto", "likelihood", "robust", "level", "consistent", "li", "algebraic", "ellipsoid", "axes", "sphere", "minmax",
     "two-step", "alonso-shuster", "sequential", "ekf", "ellipse", "two-axis",
 )  # fmt: skip
-"""Methods at the beginning of lists, the one to try first at the top; all others follow in alphabetical order."""
+"""Methods at the beginning of lists, in the order in which to try them; others follow in alphabetical order."""
 
 
 T = TypeVar("T")
@@ -62,7 +62,7 @@ def _row(name: str) -> Method | None:
 
 @cache
 def _names() -> tuple[str, ...]:
-    """Names of all methods, the one to try first at the top."""
+    """Names of all methods, in the order in which to try them."""
     names = {stem.replace("_", "-") for stem in _modules()}
     there = {name for name in names if _row(name)}
     listed = [name for name in FIRST_METHODS if name in there]
@@ -95,10 +95,10 @@ class _RowMapping(Mapping[str, T]):
 
 
 ROWS: Final[Mapping[str, Method]] = _RowMapping(lambda row: row)
-"""Rows of all methods by name, with use and source."""
+"""Rows of all methods by name; a row states the use and the source of a method."""
 
 METHODS: Final[Mapping[str, type[Estimator]]] = _RowMapping(lambda row: row.kind)
-"""Classes of all methods by name, the one to try first at the top."""
+"""Classes of all methods by name, in the order in which to try them."""
 
 
 def method_class(name: str) -> type[Estimator]:

@@ -1,13 +1,14 @@
 """Bias, gains and misalignment of an accelerometer from the length of gravity.
 
+The accelerometer reads f, with bias β in units of gravity g and the symmetric matrix Γ of gain errors and misalignment.
 At rest (1 + Γ)(gβ − f) has the length of gravity at any attitude. With a unit vector w along it
 
     1 − |(1 + Γ)(β − f/g)|,    J = (w, w_i w_j)
 
 are residuals and Jacobian of the nine errors, as for a magnetometer in its field. These residuals contain the noise of
-f along gravity; the vertical of `flinders.likelihood.dip` contains the noise across it. Therefore both are independent,
-and the result is the prior of the accelerometer in a joint fit. Residuals of an accelerated body are correlated, and
-count according to their correlation length.
+f along gravity; the vertical of `flinders.likelihood.dip` contains the noise across gravity. Both are therefore
+independent, and the result of this fit is the prior of the accelerometer in a joint fit. Residuals of an accelerated
+body are correlated, and are weighted by their correlation length.
 
 When to use it: always. For a body that stays level the result is the prior.
 
@@ -46,9 +47,9 @@ MIN_LENGTH_SIGMA: Final = 1e-4
 
 
 def update_prior(acceleration: Floats, prior: AccelerometerPrior) -> AccelerometerPrior:
-    """Update a prior by the lengths of accelerations.
+    """Update the prior of an accelerometer's errors by the lengths of its readings.
 
-    `acceleration`: (N, 3) specific force in body axes, in any unit; NaN for missing readings.
+    `acceleration` is the (N, 3) specific force in body axes, in any unit; NaN for missing readings.
     """
     force = acceleration[np.isfinite(acceleration).all(axis=1) & acceleration.any(axis=1)]
     if not len(force):
@@ -71,7 +72,7 @@ def update_prior(acceleration: Floats, prior: AccelerometerPrior) -> Acceleromet
 
 
 def rest_scatter(acceleration: Floats) -> float:
-    """Relative scatter of |g| that errors of an accelerometer do not explain, from motion and noise."""
+    """Relative scatter of |f| by motion and noise, without the part that errors of the accelerometer explain."""
     errors = update_prior(acceleration, AccelerometerPrior.of()).mean
     force = acceleration[np.isfinite(acceleration).all(axis=1)]
     corrected = lengths((errors[:3] - force / np.median(lengths(force))) @ (np.eye(3) + symmetric_matrix(errors[3:])))
@@ -84,10 +85,11 @@ def _gradients(first: Floats, second: Floats) -> Floats:
 
 
 def _reliability(jacobian: Floats, along: Floats, weights: Floats, sigma: float) -> tuple[Floats, Floats]:
-    """(9, 9) root of the information, and (9,) reliability of its columns: the share not due to noise across gravity.
+    """(9, 9) root of the information, and (9,) reliability of its columns, 0 to 1.
 
-    Noise in the Jacobian shrinks the estimate by this share, for a level body to zero (errors in variables, W. A.
-    Fuller, *Measurement Error Models*, 1987, §1.1). A reliability below a tenth is set to zero.
+    The reliability is the share of the information that is not due to noise across gravity in the Jacobian. That noise
+    shrinks an estimate to this share of its value, for a level body to zero (errors in variables, W. A. Fuller,
+    *Measurement Error Models*, 1987, §1.1). A reliability below a tenth is set to zero.
     """
     spurious = np.zeros((9, 9))
     for aside in np.moveaxis(perpendicular_vectors(along), 2, 0):
@@ -100,7 +102,7 @@ def _reliability(jacobian: Floats, along: Floats, weights: Floats, sigma: float)
 
 
 def _correlation_length(residuals: Floats) -> float:
-    """Correlation length of consecutive residuals: their number per independent residual."""
+    """Correlation length of consecutive residuals: number of residuals that are equivalent to one independent one."""
     middle = residuals - residuals.mean()
     alone = Residuals(middle, np.zeros((len(middle), 1)), [np.arange(len(middle))])
     return max(1.0, correlation_length(alone.autocovariance()))

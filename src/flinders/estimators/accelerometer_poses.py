@@ -5,9 +5,9 @@ At rest (1 + Γ)(f/g − β) has length 1 at any attitude. Minimises over β and
     Σ ((1 − |(1 + Γ)(β − f/g)|) / σ)²  +  |Γ₁₂, Γ₁₃, Γ₂₃|² / 0.01²
 
 with σ the noise of the mean of a pose. The second term is a prior: the axes of a chip are orthogonal to 1 %. Six poses
-on the sides determine offsets and gains; the misalignment is then that of the prior, and included in the claim. Poses
-on edges and corners determine all nine parameters. The length of gravity does not depend on a rotation of the whole
-accelerometer relative to the device, which therefore cannot be estimated.
+on the sides determine offsets and gains; the misalignment keeps its prior, whose uncertainty is in the claim. Poses on
+edges and corners determine all nine parameters. A rotation of the whole accelerometer relative to the device cannot be
+estimated, because the length of gravity does not depend on it.
 
 When to use it: if the device can be put down on its six sides, or held still in ten or more attitudes. If it can only
 be turned slowly, each reading counts as a pose, and the noise is estimated from residuals (`from_readings`).
@@ -56,29 +56,29 @@ if TYPE_CHECKING:
 OFFSET_SIGMA: Final = 0.2
 """Prior standard deviation of an offset, relative to gravity."""
 GAIN_SIGMA: Final = 0.2
-"""Prior standard deviation of a gain, relative to that of the median length."""
+"""Prior standard deviation of a gain, relative to the gain by the median length of the readings."""
 ORTHOGONALITY_SIGMA: Final = 0.01
-"""Prior standard deviation of half the angle error between two axes in rad; data sheets say 1 to 2 % cross-axis."""
+"""Prior standard deviation of half the error of the angle between two axes, rad; data sheets: 1 to 2 % cross-axis."""
 MIN_UNDETERMINED_SIGMA: Final = 0.02
-"""Smallest standard deviation of an undetermined offset, relative to gravity, or gain; it gives a tilt of 1°."""
+"""Standard deviation from which an offset, relative to gravity, or a gain is undetermined: it gives a tilt of 1°."""
 MAX_DETERMINED_RATIO: Final = 0.5
-"""Largest standard deviation of a determined misalignment, relative to ORTHOGONALITY_SIGMA."""
+"""Largest standard deviation at which the misalignment is determined, relative to `ORTHOGONALITY_SIGMA`."""
 MIN_POSE_SIGMA: Final = 1e-4
-"""Smallest standard deviation of the mean of a pose, relative to gravity, as offsets and tables move."""
+"""Smallest standard deviation of the mean of a pose, relative to gravity, for drift of the offset and of the table."""
 PLACEMENT_SIGMA_RAD: Final = 0.05
-"""Accuracy in rad with which a side can be put up again by hand, in the choice of the next side."""
+"""1 σ in rad of the attitude of a device that is put on a side by hand, for the choice of the next side."""
 NEWTON_STEPS: Final = 20
 """Number of Gauss–Newton steps."""
 MIN_POSES: Final = 6
 """Smallest number of poses that determine offsets and gains."""
 MIN_READINGS: Final = 60
-"""Smallest number of readings of a slowly turned device, each of which counts as a pose."""
+"""Smallest number of readings of a slowly turned device; each reading counts as a pose."""
 EXCESS_PROBABILITY: Final = 0.01
-"""Probability of larger residuals by chance below which the covariance is widened."""
+"""p-value of the residuals below which the covariance is widened."""
 MAX_RMS_RESIDUAL: Final = 0.05
 """Largest rms residual of the lengths of poses, relative to gravity."""
 MAX_GRAVITY_DIFFERENCE: Final = 0.1
-"""Largest relative difference between the median length of uncalibrated readings and gravity in a unit."""
+"""Largest relative difference of the median length of readings from gravity at which a unit is recognised."""
 
 SIDES: Final = np.concatenate([np.eye(3), -np.eye(3)])
 """(6, 3) direction of the specific force in the six poses on the sides: the axis that points up."""
@@ -94,7 +94,7 @@ class AccelerometerEstimate:
     scale: float  #: gravity in the unit of the readings, for Γ = 0
     poses: int  #: number of poses, or of readings that count as poses
     excess: float = 1.0  #: ratio of the residuals to the noise of the poses
-    gravity: float = STANDARD_GRAVITY  #: m/s²
+    gravity: float = STANDARD_GRAVITY  #: m/s²: gravity of the place
 
     @property
     def has_misalignment(self) -> bool:
@@ -113,7 +113,7 @@ class AccelerometerEstimate:
 
     @property
     def open_parameters(self) -> int:
-        """Number of offsets and gains, of six, that the poses do not determine."""
+        """Number of offsets and gains that the poses do not determine, 0 to 6."""
         return int(np.count_nonzero(np.sqrt(np.diag(self.covariance)[:6]) > MIN_UNDETERMINED_SIGMA))
 
     def triad(self) -> Triad:
@@ -145,7 +145,7 @@ def from_poses(poses: StillPoses, *, gravity: float = STANDARD_GRAVITY) -> Accel
     poses : StillPoses
         Means of the still spans.
     gravity : float, m/s²
-        Gravity of the place. Its error changes all gains equally, and no tilt.
+        Gravity of the place. An error of this value changes all gains equally, but no tilt.
 
     Raises
     ------
@@ -230,7 +230,7 @@ def _refuse_undetermined(found: AccelerometerEstimate) -> None:
 
 
 def _refuse_residuals(residuals: Floats) -> None:
-    """Raise `FitError` if the lengths of the poses differ after the fit, as for another sensor."""
+    """Raise `FitError` if the lengths of the poses still differ after the fit: the sensor is no accelerometer."""
     left = float(np.sqrt(np.mean(residuals**2)))
     if not left < MAX_RMS_RESIDUAL:
         raise FitError(
@@ -242,7 +242,7 @@ def _refuse_residuals(residuals: Floats) -> None:
 
 
 def _widen(found: AccelerometerEstimate, residuals: Floats, jacobian: Floats, sigma: Floats) -> AccelerometerEstimate:
-    """Widen the covariance of an estimate if its residuals are larger than the noise of the poses explains."""
+    """Widen the covariance of an estimate if the residuals are larger than the noise of the poses explains."""
     used = np.einsum("pi,ij,pj->", jacobian / sigma[:, np.newaxis], found.covariance, jacobian / sigma[:, np.newaxis])
     freedom = len(residuals) - float(used)
     if freedom < 1.0:

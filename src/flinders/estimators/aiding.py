@@ -4,14 +4,15 @@ Minimises the sum of the squares of all residuals, in their standard deviations,
 
     θ = (b, S, R, gyro bias, scales and delay, accelerometer bias and gains, sin I or m)
 
-and a direction of the field for each group of readings that shares one, see `flinders.likelihood.observations`. The
-directions are eliminated from the normal equations, which are solved by Levenberg–Marquardt. The noise of readings and
-of verticals is estimated from their residuals (variance components). Then the mean gradient by noise on the curved
-sphere is subtracted, as for `Likelihood`. The start has reduced weights for large residuals; outliers are left out
-(`flinders.estimators.joint_outliers`).
+and the direction of the field of each group of readings with a common direction, see
+`flinders.likelihood.observations`. The directions are eliminated from the normal equations, which are solved by
+Levenberg–Marquardt. The noise of readings and of verticals is estimated from their residuals (variance components).
+Then the bias by noise on the curved sphere of directions is corrected, as for `Likelihood`. The start has reduced
+weights for large residuals; outliers are left out (`flinders.estimators.joint_outliers`).
 
 When to use it: if the body cannot be turned in all directions, and there is a gyro, an accelerometer, or an attitude
-that is independent of this compass. A gyro does not observe the rotation about the only axis of a recording's turns.
+that is independent of this compass. If all turns of a recording are about one axis, a gyro does not observe the
+rotation of the magnetometer about that axis.
 
 >>> from flinders import simulate
 >>> drive = simulate.tumble(seed=1, motion="flight", n=1500)
@@ -71,31 +72,31 @@ if TYPE_CHECKING:
     from flinders.likelihood.solver import Equations
 
 AIDING_TERMS: Final = {term.name: term.words for term in TERMS.values()}
-"""Terms of aiding sensors and the principle of each, in words."""
+"""Principle of each term of an aiding sensor in words, by the name of the term."""
 
 MAX_OBSERVED_RATIO: Final = 0.5
-"""Ratio of the variance of a rotation to that of its prior from which the rotation is not observed."""
+"""Largest ratio of the variance of an observed rotation to the variance of its prior."""
 
 MAX_SPAN_ESTIMATES, MAX_SPAN_CHANGE = 3, 0.2
-"""Largest number of estimates of the correlation length of verticals, and change of its logarithm at convergence."""
+"""Limits of the iteration for the correlation length of verticals: number of estimates, change of its logarithm."""
 
 MAX_WALK_ESTIMATES: Final = 4
-"""Largest number of estimates of a gyro's random walk, which is underestimated before the bias correction."""
+"""Largest number of estimates of a gyro's random walk; the first are too small, before the bias is corrected."""
 
 MIN_WALK_STEP: Final = 0.1
-"""Largest step by the bias correction for a walk, in standard deviations, that is not taken."""
+"""Smallest step of the bias correction for a gyro's random walk that is taken, in standard deviations."""
 
 MAX_SCALE_SIGMAS: Final = 5.0
-"""Largest scale error of a gyro, in standard deviations of its prior; a larger one is an artefact and is not used."""
+"""Largest plausible scale error of a gyro, in standard deviations of the prior; a larger one shows another error."""
 
 SEARCH_READINGS: Final = 2000
-"""Readings with which starts are compared; the fit then uses all readings."""
+"""Number of readings by which starts are compared; the fit then uses all readings."""
 
 SEARCH_STEPS, APPROACH_STEPS = 20, 8
-"""Steps for a long recording, from each start with some readings, and from the best one with all readings."""
+"""Solver steps for a long recording: from each start with some readings; from the best start with all readings."""
 
 LONG_CORRECTION_STEPS: Final = 2
-"""Correction steps for a long recording before the correlation of verticals, which changes weights, is estimated."""
+"""Bias correction steps for a long recording, before the correlation length of verticals changes their weights."""
 
 MIN_READINGS: Final = 12  # smallest number of readings
 
@@ -105,27 +106,30 @@ class AidedFit:
     """Result of a fit with aiding sensors."""
 
     parameters: Parameters
-    # (P, P): of the free parameters, in the order of `layout`; a rotation by its rotation vector on the left, in rad
+    # (P, P): covariance of the free parameters, in the order of `layout`; a rotation has the three components of its
+    # rotation vector, applied on the left, in rad
     covariance: Floats
-    textbook: Floats  # (P, P): the same for independent residuals
+    textbook: Floats  # (P, P): covariance for independent residuals
     layout: ParameterLayout
     noise: float  # standard deviation of a component of a reading, in its unit
-    # standard deviation of dᵀq, in rad across the vertical; with ``attitude``, of an attitude about each axis
+    # rad: standard deviation of the vertical about each horizontal axis; with ``attitude``, of the attitude about each
+    # axis; None without either
     vertical_noise: float | None
     aiding: tuple[str, ...]  # names of the terms in the fit
     used: int  # number of readings in the fit
     outliers: NDArray[np.intp]  # (K,): index of each reading that was left out
     prior_influence: float  # fraction of information from the prior, in the least known parameter of the shape
-    # rad/√s: random walk of the direction within windows by the residuals: the gyro's noise and similar errors
+    # rad/√s: random walk of the field's direction within windows, from the gyro's noise and similar errors
     walk: float
-    # (3,): ratio of the variance of the rotation about the body's x, y and z to that of the prior
-    rotation_seen: Floats
-    # factor by which the scatter of parts of the recording exceeds that of their residuals, in variance
+    # (3,): ratio of the variance of the rotation about the body's x, y and z to the variance of the prior
+    rotation_variance_ratio: Floats
+    # ratio of variances: scatter of parts of the recording over the scatter expected from their residuals
     excess_variance: float = 1.0
-    site_off: float | None = None  # standard deviations between the estimated dip and that of the site
-    # largest scale error of the gyro if it is beyond `MAX_SCALE_SIGMAS`, and the fit is without scale errors;
-    # otherwise 0
-    scales_off: float = 0.0
+    # difference of the estimated dip from that of the site, in standard deviations; None if one of both is not known
+    dip_difference: float | None = None
+    # largest scale error of the gyro, if it exceeds `MAX_SCALE_SIGMAS` and the fit was repeated without scale errors;
+    # else 0
+    gyro_scale_error: float = 0.0
     gravity_reading: float = 1.0  # length of accelerations at rest, in their recorded unit
 
     @property
@@ -141,7 +145,7 @@ class AidedFit:
     @property
     def has_rotation(self) -> bool:
         """Whether the rotation from the magnetometer to the body is observed about at least one axis."""
-        return "rotation" in self.layout and bool(np.any(self.rotation_seen < MAX_OBSERVED_RATIO))
+        return "rotation" in self.layout and bool(np.any(self.rotation_variance_ratio < MAX_OBSERVED_RATIO))
 
     @property
     def rotation_covariance(self) -> Floats | None:
@@ -149,20 +153,20 @@ class AidedFit:
         return self.of("rotation")
 
     def of(self, name: str) -> Floats | None:
-        """(k, k) covariance of one block of parameters; None if it is not free."""
+        """(k, k) covariance of a block of k parameters by its name; None if the block is not free."""
         if name not in self.layout:
             return None
         columns = self.layout.columns[name]
         part: Floats = self.covariance[columns, columns]
         return part
 
-    def corrected(self, field: Floats) -> Floats:
+    def correct(self, field: Floats) -> Floats:
         """Correct (N, 3) readings to fields of unit length in body axes."""
         turned: Floats = (field - self.parameters.offset) @ self.matrix.T
         return turned
 
     def estimate(self) -> Estimate:
-        """The ellipsoid with its marginal covariance, in the form of other methods."""
+        """The ellipsoid and its covariance as an `Estimate`, as of a method for the magnetometer alone."""
         return Estimate(
             self.ellipsoid,
             self.covariance[:9, :9],
@@ -207,7 +211,7 @@ def fit_aided(
     start : Ellipsoid, optional
         Ellipsoid to start from; by default that of `Auto`, or a sphere about the readings.
     rotation : (3, 3) float, optional
-        Assumed rotation from the magnetometer's axes to the body's; mean of its prior.
+        Assumed rotation from the magnetometer's axes to the body's, which is the mean of the prior.
     spread : float
         Spread of the prior of the shape, see `flinders.likelihood.prior`.
     window_s : float
@@ -215,14 +219,14 @@ def fit_aided(
     gyro_scale : float
         Prior 1 σ of the gyro's scale errors, and of its misalignment angles in rad, which are estimated. 0 for a
         calibrated gyro. Scale errors of more than `MAX_SCALE_SIGMAS` times this value indicate another error: the fit
-        is then repeated without scale errors, and `AidedFit.scales_off` has the largest one.
+        is then repeated without scale errors, and `AidedFit.gyro_scale_error` has the largest one.
     acceleration_bias : float
         Prior 1 σ of the accelerometer's bias on each axis in m/s², which is estimated. 0 for a calibrated
         accelerometer, whose gains are then exact, too.
     acceleration_gain : float
         Prior 1 σ of the accelerometer's gains, and of its misalignment angles in rad, which are estimated.
     near : AidedFit, optional
-        Another fit to the same readings, which is the first start.
+        Another fit to the same readings, whose parameters are the first start.
     shape : KnownShape, optional
         Prior of the shape from an earlier calibration of this sensor, instead of `spread`.
     is_rough : bool
@@ -235,7 +239,7 @@ def fit_aided(
     aided = _solve_from_starts(put, gyro_scale, start, near).compute_claims()
     off = float(np.abs(aided.parameters.gyro_scale).max())
     if gyro_scale > 0.0 and off > MAX_SCALE_SIGMAS * gyro_scale:
-        return replace(_solve_from_starts(put, 0.0, start, near).compute_claims(), scales_off=off)
+        return replace(_solve_from_starts(put, 0.0, start, near).compute_claims(), gyro_scale_error=off)
     return aided
 
 
@@ -249,7 +253,10 @@ def fit_parameters(
     acceleration_bias: float = ACCELERATION_SIGMA,
     acceleration_gain: float = GAIN_SIGMA,
 ) -> Parameters:
-    """Parameters from part of the readings of another fit, as in `fit_aided`, but without claims, which take longer."""
+    """Fit the parameters alone to a part of the readings of the fit `near`; claims would take longer.
+
+    Other arguments are those of `fit_aided`.
+    """
     samples = _average_rests(samples)
     accelerometer = _accelerometer(samples, terms, acceleration_bias, acceleration_gain)
     put = _Inputs(samples, tuple(terms), None, rotation, prior.SOFT_IRON_SPREAD, gyro.WINDOW_S, accelerometer)
@@ -258,7 +265,7 @@ def fit_parameters(
 
 
 def _average_rests(samples: Samples) -> Samples:
-    """Samples with rests as one reading or none, at which gyro windows end, and with short gyro gaps bridged."""
+    """Samples for the fit: each rest is one reading or none and ends a gyro window; short gyro gaps are filled."""
     samples = replace(samples, rate=gyro.bridge_gaps(samples.time, samples.rate)[0])
     rests = Rests.of(samples)
     if not len(rests):
@@ -283,7 +290,7 @@ class _Inputs(NamedTuple):
     is_rough: bool = False
 
     def problem(self, gyro_scale: float) -> JointProblem:
-        """Make the problem for a prior of the gyro's scales."""
+        """Make the problem; `gyro_scale` is 1 σ of the prior of the gyro's scale errors."""
         return JointProblem.of(
             self.samples, self.terms, self.site, self.rotation, self.spread, self.window_s,
             gyro_scale=gyro_scale, accelerometer=self.accelerometer, shape=self.shape, is_rough=self.is_rough,
@@ -295,7 +302,7 @@ class _Solution(NamedTuple):
 
     problem: JointProblem
     iterate: JointIterate
-    late_s: float  # s: shift of the rate, in whole intervals
+    late_s: float  # s: shift of the angular rate in whole intervals of the readings
 
     def compute_claims(self) -> AidedFit:
         """Correct the bias, and compute the claims."""
@@ -305,7 +312,7 @@ class _Solution(NamedTuple):
 
 
 def _accelerometer(samples: Samples, terms: Sequence[str], bias: float, gain: float) -> AccelerometerPrior | None:
-    """Prior of the accelerometer's errors; None if it is not used or stated to be exact."""
+    """Prior of the accelerometer's errors; None if no accelerometer is used, or it is stated to be exact."""
     if "dip" not in terms or samples.acceleration is None or not bias:
         return None
     return update_prior(samples.acceleration, AccelerometerPrior.of(bias=bias, gain=gain))
@@ -355,9 +362,10 @@ def _search(problem: JointProblem, begins: Iterable[Parameters], steps: int) -> 
 
 
 def _search_problem(problem: JointProblem, alone: Estimate | None) -> JointProblem:
-    """The problem for the search of a start: with reduced weights of large residuals, or without known outliers.
+    """The problem for the search of a start, in which outliers have little effect.
 
-    The latter is used for a level turn with attitudes, which determine the direction at each reading.
+    Large residuals have reduced weights. For a level turn with attitudes, which determine the direction at each
+    reading, outliers of the magnetometer alone are left out instead.
     """
     if alone is None or not alone.plane or not alone.outliers or problem.aiding != ("attitude",):
         return problem.make_robust()
@@ -396,7 +404,7 @@ def _refuse_empty_column(problem: JointProblem, samples: Samples) -> None:
 
 
 def _whole_intervals(delay_s: float, interval_s: float) -> int:
-    """Number of readings in a delay, rounded; the remainder is estimated as the delay of the shifted rate."""
+    """Number of whole reading intervals in a delay; the fit estimates the rest of the delay."""
     return round(delay_s / interval_s) if interval_s > 0.0 else 0
 
 
@@ -434,9 +442,10 @@ def _compute_claims(problem: JointProblem, iterate: JointIterate) -> AidedFit:
     walk = estimate_random_walk(problem, iterate, inverse)
     for _ in range(MAX_WALK_ESTIMATES):
         iterate = replace(iterate, weights=iterate.weights._replace(own=walk.own))
-        if (problem.is_long and walk.variance == 0.0) or _next_step_length(equations, walk.bent) < MIN_WALK_STEP:
+        is_negligible = problem.is_long and walk.variance == 0.0
+        if is_negligible or _next_step_length(equations, walk.bias_gradient) < MIN_WALK_STEP:
             break
-        iterate, equations = correct_bias(problem, iterate, walk.bent)
+        iterate, equations = correct_bias(problem, iterate, walk.bias_gradient)
         inverse = _inverse(equations)
         walk = estimate_random_walk(problem, iterate, inverse)
     scatter = gradient_scatter(problem, iterate, walk)
@@ -471,7 +480,7 @@ def _compute_claims(problem: JointProblem, iterate: JointIterate) -> AidedFit:
 def _weight_verticals(
     problem: JointProblem, iterate: JointIterate, equations: Equations
 ) -> tuple[JointIterate, Equations]:
-    """Weight verticals by their correlation length, so that correlated ones do not outweigh the priors."""
+    """Weight verticals by their correlation length, so that correlated verticals do not outweigh the priors."""
     for _ in range(MAX_SPAN_ESTIMATES):
         span = vertical_correlation(iterate)
         is_same = abs(math.log(span.readings / iterate.weights.span)) < MAX_SPAN_CHANGE
@@ -486,7 +495,7 @@ def _weight_verticals(
 
 
 def _next_step_length(equations: Equations, bias: Floats | float = 0.0) -> float:
-    """Length of the next step in standard deviations."""
+    """Length of the next solver step in standard deviations."""
     gradient = equations.unbiased(bias).gradient + equations.prior.gradient
     return math.sqrt(max(float(gradient @ _inverse(equations) @ gradient), 0.0))
 
@@ -497,7 +506,7 @@ def _inverse(equations: Equations) -> Floats:
 
 
 def _site_difference(problem: JointProblem, iterate: JointIterate, covariance: Floats) -> float | None:
-    """Difference of the estimated dip from that of the site, in the latter's standard deviations, or None."""
+    """Difference of the estimated dip from that of the site, in standard deviations of the site's; None if unknown."""
     if problem.site is None or problem.site.sine is None:
         return None
     if "sine" in problem.layout:

@@ -38,13 +38,14 @@ class Algebraic:
     Minimises ``Σ q(x)²``, ``q(x) = xᵀQx + l·x + d``, with one of these normalisations:
 
     ``"trace"``
-        tr Q = 3, the default: moving, rotating or scaling the readings does the same to the result.
+        tr Q = 3, the default. If the readings are moved, rotated or scaled, the result changes in the same way.
     ``"unit"``
         The ten coefficients have unit length after the mean is removed and the readings are
         divided by their root mean square distance from it.
     ``"nxp"``
-        The same after subtracting the first reading and dividing by 50: the ten-element calibration of
-        NXP and Freescale, MotionCal and MATLAB's ``magcal``, except for their choice of origin.
+        The ten coefficients have unit length after the first reading is subtracted and the readings are divided
+        by 50: the ten-element calibration of NXP and Freescale, MotionCal and MATLAB's ``magcal``, except for
+        their choice of origin.
 
     Use it for the same results as these tools. For accuracy use `Consistent`, which takes the same time and
     has no bias, or `Likelihood`.
@@ -96,9 +97,9 @@ def trace_fit(scatter: Floats) -> Floats:
 
 
 def fit_error(moments: Moments, ellipsoid: Ellipsoid) -> float:
-    """Fit error of NXP and MATLAB: √(mean (|y|² − B²)²) / 2B², with corrected readings y and their ideal length B.
+    """Fit error as NXP and MATLAB define it, √(mean (|y|² − B²)²) / 2B² with corrected readings y of ideal length B.
 
-    It is about the noise relative to the field. MotionCal prints it in per cent.
+    The fit error is about the noise relative to the field. MotionCal prints it in per cent.
     """
     scale = ellipsoid.radius
     quadric = Ellipsoid(np.zeros(3), ellipsoid.shape / scale).as_quadric()

@@ -39,7 +39,7 @@ class Auto:
     robust : bool
         Reject outliers regardless of the residuals.
     dip_deg : float
-        Inclination of the field at the site in degrees; only `Level` uses it.
+        Inclination of the field at the site in degrees; used by `Level` alone.
 
     Examples
     --------
@@ -77,7 +77,7 @@ class Auto:
         TooFewSamples, OutOfScale, StuckAxis, Unmoved, NotAnEllipsoid, Undetermined
             As the chosen method.
         NeedsSamples
-            If only sums were given, and `robust` or a prior other than the default, which need readings.
+            If only sums were given with `robust`, or with a prior other than the default; both need readings.
         """
         if readings.recording is None and not self.robust:
             return self._from_sums(readings)
@@ -89,7 +89,7 @@ class Auto:
         return estimate_from_record(record, readings, has_statistics=True)
 
     def fit_record(self, readings: Readings, *, statistics: int = 1) -> Records:
-        """Record of the engine for the fit of `estimate`, of readings in memory."""
+        """Record of the engine for the fit that `estimate` makes; the readings must be in memory."""
         robust, level = 2 if self.robust else 1, level_option(readings)
         return fit_record(readings, self.prior, robust=robust, level=level, dip_deg=self.dip_deg, statistics=statistics)
 
@@ -103,7 +103,7 @@ class Auto:
 
 
 def level_option(readings: Readings) -> int:
-    """Option ``level`` of the engine by an accelerometer: 0 for no level turn, 2 for a level turn, 1 if not known."""
+    """Option ``level`` of the engine from accelerometer readings: 0 for no level turn, 2 for one, 1 if not known."""
     recording = readings.recording
     if not isinstance(recording, Samples) or recording.acceleration is None:
         return 1

@@ -1,10 +1,10 @@
-"""Interface of estimators and their estimates, with claims that include the bias of a method.
+"""Interface of estimators, and their estimates; the claim of an estimate includes the bias of the method.
 
-A closed form claims the uncertainty for independent residuals, but residuals of real recordings are correlated. Also,
-the error of a sphere through the readings of an ellipsoid, or of plain least squares on half a sphere, is much larger
-than its scatter. Therefore a closed form is compared with the likelihood of the same readings: the correlation of
-residuals is taken from the likelihood, and the difference of both fits, without the part that chance explains, is
-added to the claim.
+A closed-form method claims the uncertainty for independent residuals, but residuals of real recordings are correlated.
+A method may also have a bias that is much larger than its scatter, such as a sphere fitted to an ellipsoid, or plain
+least squares on half a sphere. Therefore a closed-form estimate is compared with the likelihood fit of the same
+readings. The correlation of residuals is taken from the likelihood fit. The difference of both fits, without the part
+that chance explains, is added to the claim.
 """
 
 from __future__ import annotations
@@ -39,9 +39,10 @@ class Correlation:
     lag_one: float  # correlation of consecutive residuals
     time: float  # correlation length: number of readings per independent reading
     direction: float  # standard deviation of the distortion by direction, in the unit of the readings
-    excess_variance: float = 1.0  # factor by which the scatter of blocks exceeds this model, in variance
+    excess_variance: float = 1.0  # ratio of variances: scatter of blocks of the recording over that of this model
     lasting: float = 0.0  # probability that slow noise lasts longer than a third of the recording
-    steps_kurtosis: float = math.nan  # of steps between means of successive residuals, if they are correlated
+    # kurtosis of the steps between means of successive residuals; NaN if residuals are not correlated
+    steps_kurtosis: float = math.nan
 
     @property
     def is_white(self) -> bool:
@@ -54,11 +55,11 @@ class Correlation:
 
 
 class SiteStrength(NamedTuple):
-    """Strength of the field at a site compared with that of readings, in the unit of the readings."""
+    """Comparison of the known field strength of a site with the strength that the readings show, in their unit."""
 
     site: float  # strength of the site
-    found: float  # mean semi-axis of the ellipsoid by the readings alone
-    sigmas: float  # difference of both in standard deviations
+    found: float  # strength by the readings alone: mean semi-axis of their ellipsoid
+    sigmas: float  # difference of both strengths in standard deviations
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,12 +67,12 @@ class Estimate:
     """An ellipsoid with its uncertainty."""
 
     ellipsoid: Ellipsoid
-    # (9, 9): of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), in unit²; singular if a method fixes some of them
+    # (9, 9): covariance of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), in unit²; singular if a method fixes parameters
     covariance: Floats
     noise: float  # standard deviation of the distance from the ellipsoid, in the unit of the readings
     method: str  # method that gave the estimate, with its variant
-    # (9,): difference from the likelihood (from the consistent fit if there are only sums), without the part that
-    # chance explains; None if chance explains all. It is included in the covariance
+    # (9,): bias of the method: difference from the likelihood fit, or from the consistent fit for sums alone, without
+    # the part that chance explains; None if chance explains the difference. The covariance includes the bias.
     bias: Floats | None = None
     # fraction of information from the prior in the least known shape parameter: 0 to 1
     prior_influence: float = 0.0
@@ -81,23 +82,24 @@ class Estimate:
     unobserved: int = 0  # number of directions of parameter space that the readings do not determine
     rejected_beyond: float = np.inf  # distance from the surface beyond which readings were left out, in their unit
     outliers: tuple[Outlier, ...] = ()  # runs of outliers; `used` and their rows add up to the number of readings
-    # length of corrected readings by the method if no field strength is known; None for that of a matrix with
+    # length of corrected readings, if the method or the site determines it; None if it follows from a matrix of
     # determinant 1
     strength: float | None = None
-    site_strength: SiteStrength | None = None  # if the site's strength was used, or contradicts the readings
+    # comparison with the strength of the site, if that was used or contradicts the readings; else None
+    site_strength: SiteStrength | None = None
     plane: Plane | None = None  # ``xy``, ``yz`` or ``zx`` for a fit of readings in one plane
-    # ``constant`` or ``varying`` if the recording has the field's strength at each reading, which determines the scale;
-    # `strength` is then its mean, and known
+    # ``constant`` or ``varying`` strength of the field, if the recording has the strength at each reading, which
+    # determines the scale; `strength` is then the mean of these values. Empty without them.
     follows: Literal["", "constant", "varying"] = ""
     may_be_swapped: bool = True  # False if the engine found no exchange of axes during the recording
-    # False if an accelerometer shows that z does not point down, so that the dip of the site was not used; None if that
-    # dip was used, and the direction of z is not known
+    # False if an accelerometer shows that z does not point down, so that the dip of the site was not used. None if the
+    # dip of the site was used although the direction of z is not known. Else True.
     z_down: bool | None = True
-    is_aided: bool = False  # whether the surface is from the magnetometer and aiding sensors
-    estimator: str = ""  # name of the method in the table of methods, if `method` is longer
+    is_aided: bool = False  # whether aiding sensors contributed to the ellipsoid
+    estimator: str = ""  # name of the method in the table of methods, if `method` has a variant; else empty
 
     def variance_inflation(self, parameters: Iterable[int] = range(9)) -> float:
-        """Mean ratio of variances to those for independent residuals; 1 if the latter are not known."""
+        """Mean ratio of the claimed variances to those for independent residuals; 1 if the latter are not known."""
         if self.textbook is None:
             return 1.0
         claimed, independent = self.covariance.diagonal().tolist(), self.textbook.diagonal().tolist()
@@ -106,7 +108,7 @@ class Estimate:
 
 
 def check_prior(spread: object) -> None:
-    """Check the spread of a prior, a positive number or None for no prior; raises UsageError."""
+    """Raise `UsageError` unless the spread of a prior is a positive number, or None for no prior."""
     if spread is not None and not (isinstance(spread, int | float) and 0.0 < spread < np.inf):
         raise UsageError(f"prior is {spread!r}: need a positive number such as {SOFT_IRON_SPREAD:g}, or None")
 
@@ -115,7 +117,7 @@ class Estimator(Protocol):
     """Interface of a method that estimates an ellipsoid."""
 
     name: ClassVar[str]  # name in `flinders.fit(method=…)`
-    unknowns: ClassVar[int]  # number of unknowns including the noise, which is the smallest number of readings
+    unknowns: ClassVar[int]  # number of unknowns including the noise, and smallest number of readings
     is_biased: ClassVar[bool]  # whether its model or equation leaves an error that more readings do not reduce
 
     def estimate(self, readings: Readings) -> Estimate:

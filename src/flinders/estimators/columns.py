@@ -1,4 +1,4 @@
-"""Conversion of a log's columns of states to 0 and 1, with the same states in all recordings."""
+"""Conversion of columns of states, such as on and off, to 0 and 1, with the same two words in all recordings."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NumericStates(RecordingWrapper):
-    """A recording whose words of states are converted to 0 and 1."""
+    """A recording in which the words of states are converted to 0 and 1."""
 
     recording: Recording
     states: Mapping[str, tuple[str, ...]]  #: the two words of each column of states, by the name of the column

@@ -21,13 +21,13 @@ class Consistent:
     """General ellipsoid from sums that are corrected for noise; the noise is estimated, too.
 
     The corrected scatter matrix is ``Ψ(σ²) = Σ φφᵀ`` with each product of monomials replaced by its Hermite
-    polynomial. The estimate of σ² is the value at which its smallest eigenvalue is zero; the eigenvector is
-    the quadric. Newton's method on σ² needs a few 10 × 10 eigenproblems, regardless of the length of the
+    polynomial. The estimate of σ² is the value at which the smallest eigenvalue of Ψ is zero; its eigenvector
+    is the quadric. Newton's method on σ² needs a few 10 × 10 eigenproblems, regardless of the length of the
     recording.
 
     Use it if there are only sums (a fleet, a stream, a saved `Summary`), and as the start of `Likelihood`.
-    It has no bias where that of plain least squares is degrees of heading. With partial coverage it is less
-    accurate than the likelihood.
+    The bias of plain least squares can be degrees of heading; this method has none. With partial coverage it is
+    less accurate than the likelihood.
 
     References
     ----------

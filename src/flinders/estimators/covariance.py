@@ -2,8 +2,8 @@
 
 The textbook covariance σ²(JᵀJ)⁻¹ assumes independent residuals. Residuals of real recordings are
 correlated, because of gradients of the field along the path of the hand, magnetic parts of the body, and
-nonlinearity of the sensor. Four calibrations of one board differ in heading by about three times the
-textbook claim.
+nonlinearity of the sensor. The headings of four calibrations of one board differ by about three times what
+this covariance claims.
 
 The error of a fit depends on the scatter of Σ J s over residuals s. With correlated residuals it is
 
@@ -11,16 +11,17 @@ The error of a fit depends on the scatter of Σ J s over residuals s. With corre
 
 C is the autocovariance of the residuals as a function of the lag. It is estimated from all residuals and
 truncated where it is smaller than its noise; the products of Jacobians are those of the recording. D is a
-distortion that depends on the direction. Its size is estimated from residuals in one direction at different
-times; it is modelled as smooth, without the part that an ellipsoid over all directions would absorb.
+distortion that depends on the direction. The size of the distortion is estimated from residuals in one
+direction at different times. The distortion is modelled as smooth, without the part that an ellipsoid over all
+directions would absorb.
 
-A slow drift over minutes that is smaller than the noise of a single reading has an autocovariance below its noise, but
-can change a fit more than the noise does. It is detected by dividing the recording into a few blocks: their gradients
-Σ J s are then larger than B allows, and B is multiplied by the excess.
+A slow drift over minutes that is smaller than the noise of a single reading does not show in the autocovariance, but
+can change a fit more than the noise does. It is detected by dividing the recording into a few blocks: the gradients
+Σ J s of the blocks are then larger than B allows, and B is multiplied by the excess.
 
-Residuals below `MIN_NOISE`, a millionth of the field, are rounding, of exact readings or of readings in single
-precision. They depend on the arithmetic instead of the sensor, and are treated as white. The covariance claims at
-least this noise, so that rounding does not reduce it.
+Residuals below `MIN_NOISE`, a millionth of the field, are rounding errors of exact readings or of single precision.
+They depend on the arithmetic instead of the sensor, and are treated as white. The covariance claims at least this
+noise.
 
 References
 ----------
@@ -88,7 +89,7 @@ def algebraic_covariance(readings: Readings, ellipsoid: Ellipsoid, noise: float,
     likelihood with equal weights. The sums are over the cells of the cloud. The standard deviation of an unobservable
     direction is the radius.
 
-    `noise`: in the unit of the readings; `basis`: (9, k) basis of the parameters of the method.
+    `noise` is in the unit of the readings; `basis` is the (9, k) basis of the parameters of the method.
     """
     cloud = readings.summary.cloud
     directions = corrected_directions(cloud.means, ellipsoid)
@@ -111,7 +112,7 @@ def algebraic_covariance(readings: Readings, ellipsoid: Ellipsoid, noise: float,
 
 
 def unexplained_part(difference: Floats, covariance: Floats) -> Floats:
-    """(P,) part of a difference d of two estimates that its covariance C does not explain.
+    """(P,) part of the difference d of two estimates that is not explained by its covariance C.
 
     By chance alone χ² = dᵀC⁻¹d has the mean P. The result is d √max(0, 1 − P/χ²), as in James–Stein shrinkage.
     """
@@ -125,20 +126,20 @@ MAX_LAG: Final = 1000
 """Largest lag in readings: twenty seconds at 50 Hz, longer than a turn by hand."""
 
 MIN_PAIR_SHARE: Final = 0.75
-"""Smallest number of pairs at a lag, relative to the number of readings; with fewer the sum would be too small."""
+"""Smallest number of pairs of readings at a lag, relative to the number of readings; larger lags are not used."""
 
 MIN_CORRELATION_ERRORS: Final = 2.0
 """Smallest significant correlation in standard errors."""
 
 BLOCK_COUNT: Final = 8
-"""Blocks of a recording, also merged to four, that show slow drifts."""
+"""Number of blocks of a recording in which slow drifts are searched; the blocks are also merged to four."""
 
 DRIFT_PROBABILITY: Final = 0.02
-"""Largest probability by chance of a slow drift that is taken as real."""
+"""p-value below which a slow drift counts as real."""
 
 
 def correlation_length(autocovariance: Floats) -> float:
-    """Correlation length 1 + 2 Σ C(k)/C(0), the number of readings per independent reading."""
+    """Correlation length 1 + 2 Σ C(k)/C(0): number of readings that are equivalent to one independent reading."""
     return 1.0 + 2.0 * float(autocovariance[1:].sum()) / max(float(autocovariance[0]), 1e-300)
 
 
@@ -156,11 +157,11 @@ class Residuals:
         return products / max(float(self.distances @ self.distances), 1e-300)
 
     def variance(self) -> Floats:
-        """(1,) C(0), the autocovariance of white residuals."""
+        """(1,) variance C(0) of the residuals, which is the whole autocovariance of white residuals."""
         return np.array([float(self.distances @ self.distances) / len(self.distances)])
 
     def autocovariance(self) -> Floats:
-        """(K,) autocovariance C(0), C(1), … to the lag at which it is below its noise; C(0) for white residuals."""
+        """(K,) autocovariance C(0), C(1), … up to the lag at which it falls below its noise; C(0) if white."""
         total = len(self.distances)
         most = self._max_lag()
         if abs(self.lag_one()) < MIN_CORRELATION_ERRORS / np.sqrt(total) or most < 2:
@@ -181,7 +182,7 @@ class Residuals:
         return int(np.count_nonzero(partners >= MIN_PAIR_SHARE * lengths.sum()))
 
     def scatter(self, autocovariance: Floats) -> Floats:
-        """(9, 9) scatter Σᵢⱼ JᵢJⱼᵀ C(i − j), with the products of Jacobians interpolated between a few lags."""
+        """(9, 9) scatter Σᵢⱼ JᵢJⱼᵀ C(i − j) of the gradient; products are computed at a few lags and interpolated."""
         white = autocovariance[0] * self.jacobian.T @ self.jacobian
         total = white.copy()
         lags, weights = quadrature(autocovariance)
@@ -193,11 +194,11 @@ class Residuals:
         return total if not lags else _raise_eigenvalues(total, white)
 
     def excess_variance(self, scatter: Floats) -> float:
-        """Factor by which the scatter of blocks exceeds a (9, 9) scatter of the whole, in variance; at least 1.
+        """Ratio of variances, at least 1: scatter of blocks over that expected from the (9, 9) scatter of the whole.
 
-        With gᵦ = Σ J s and Nᵦ = Σ JJᵀ of a block, and N and B of the whole, q = Σ gᵦᵀB⁻¹gᵦ has the mean
-        9 − Σ tr (N⁻¹Nᵦ)² about a fit, and a variance of twice that sum. The result is the largest ratio of q to its
-        mean, of eight and of four blocks, that chance does not explain.
+        Let gᵦ = Σ J s and Nᵦ = Σ JJᵀ of a block, and N and B the same sums of the whole. Then q = Σ gᵦᵀB⁻¹gᵦ has the
+        mean 9 − Σ tr (N⁻¹Nᵦ)², as the parameters are fitted, and a variance of twice that mean. The result is the
+        largest ratio of q to its mean, for eight and for four blocks, that chance does not explain.
         """
         values, vectors = _principal_axes(scatter)
         rows = self.jacobian @ (vectors / np.sqrt(values))  # in which B is the unit matrix
@@ -209,7 +210,9 @@ class Residuals:
 
 
 def largest_excess(gradients: Floats, squares: Floats, inverse: Floats) -> float:
-    """Largest ratio of q to its mean that chance does not explain, of blocks, of pairs of blocks and so on; at least 1.
+    """Largest significant ratio of q, as in `Residuals.excess_variance`, to its mean; at least 1.
+
+    The ratio is computed for the blocks, for pairs of blocks, and so on.
 
     Parameters
     ----------
@@ -248,7 +251,7 @@ def _raise_eigenvalues(scatter: Floats, white: Floats) -> Floats:
 
 
 def _principal_axes(matrix: Floats) -> tuple[Floats, Floats]:
-    """(k,) values and (9, k) V with VᵀMV = diag(values) for a symmetric M, without directions of rounding."""
+    """(k,) eigenvalues and (9, k) eigenvectors of a symmetric matrix, without eigenvalues that are rounding errors."""
     diagonal = np.diag(matrix)
     observed = diagonal > MIN_EIGENVALUE_RATIO * float(diagonal.max())
     scale = np.sqrt(np.where(observed, diagonal, 1.0))

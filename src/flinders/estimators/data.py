@@ -64,9 +64,10 @@ if TYPE_CHECKING:
     from flinders.summary.summary import Statistics
 
 MAX_HELD_READINGS: Final = 500_000
-"""Largest number of readings that are held in memory, 16 MB with times, 76 MB with all columns.
+"""Largest number of readings that are kept in memory: 16 MB with times, 76 MB with all columns.
 
-A longer recording is read again in each pass, and fits use every second, third … reading."""
+A longer recording is read again in each pass, and fits use every second, third … reading.
+"""
 
 
 def _release_blocks(blocks: deque[Samples]) -> Iterator[Samples]:
@@ -115,7 +116,7 @@ class UnsaturatedRecording(RecordingWrapper):
     rails: tuple[Rail, ...]
 
     def blocks(self) -> Iterator[Samples]:
-        """Yield blocks without readings at a rail."""
+        """Yield blocks without readings at a rail, the value at which an axis saturates."""
         for block in self.recording.blocks():
             free = np.ones(len(block), dtype=bool)
             for rail in self.rails:
@@ -141,12 +142,12 @@ class PlanarRecording(RecordingWrapper):
 
 
 def project_to_plane(readings: Readings, plane: Plane, height: float = 0.0) -> Readings:
-    """Readings projected to a plane at a constant height; their summary stays that of all readings."""
+    """Readings projected to a plane, at a constant height; the summary stays that of the unprojected readings."""
     return readings.wrap(lambda recording: PlanarRecording(recording, plane, height))
 
 
 def remove_saturated(readings: Readings) -> Readings:
-    """Readings without saturated ones; their summary stays that of all readings."""
+    """Readings without saturated ones; the summary stays that of all readings."""
     rails = readings.summary.health.rails
     return readings.wrap(lambda recording: UnsaturatedRecording(recording, rails)) if rails else readings
 
@@ -184,10 +185,10 @@ class CountedRecording(RecordingWrapper):
 
 
 MIN_READING, MAX_READING = 1e-12, 1e15
-"""Range of readings, in any unit, whose fourth powers and their inverses are finite."""
+"""Range of readings, in any unit, within which fourth powers and their inverses are finite."""
 
 MAX_OFFSET_SPREADS: Final = 1000.0
-"""Largest ratio of the offset to the spread of the readings; a stronger magnet saturates any sensor."""
+"""Largest ratio of the offset to the spread of the readings; a larger offset saturates any sensor."""
 
 
 def is_recording(source: Recording | ArrayLike) -> TypeGuard[Recording]:
@@ -200,15 +201,15 @@ class Readings:
     """Summary of a recording, and the recording itself if it can be read again."""
 
     summary: Summary
-    recording: Recording | None = None  # None for sums alone, with which some methods fail
-    # single recordings if there are several of one sensor; statistics of the order do not cross their ends
+    recording: Recording | None = None  # None for sums alone, which some methods refuse
+    # single recordings, if several of one sensor are joined; statistics of consecutive readings do not cross their ends
     parts: tuple[Readings, ...] = ()
-    whole: Readings | None = None  # all readings, if rests in these readings are replaced by one reading or none
+    whole: Readings | None = None  # all readings, if each rest is one reading or none here; else None
     rests: Rests | None = None  # the rests in `whole`
 
     @classmethod
     def of(cls, source: Summary | Recording | ArrayLike) -> Self:
-        """Summarise a source in one pass; recordings are held in memory if they are short enough in total."""
+        """Summarise a source in one pass; recordings are kept in memory if they are short enough in total."""
         if isinstance(source, Summary):
             return cls(source)
         recording = source if is_recording(source) else Samples.of(cast("ArrayLike", source))
@@ -224,7 +225,7 @@ class Readings:
 
     @classmethod
     def _of_one(cls, recording: Recording, room: int) -> Self:
-        """Summarise one recording, and hold it in memory if it has at most `room` readings."""
+        """Summarise one recording, and keep it in memory if it has at most `room` readings."""
         if isinstance(recording, Samples):
             return cls(Summary.lazy(recording), recording)
         blocks, begun, rows = recording.blocks(), deque[Samples](), 0
@@ -270,14 +271,14 @@ class Readings:
         return thinned[: -(-seen // stride)]  # a recording without its outliers has fewer than its sums
 
     def as_array(self, method: str = "") -> tuple[Floats, NDArray[np.int64] | None]:
-        """(N, 3) readings, thinned if too many, and the row after the end of each of several recordings."""
+        """(N, 3) readings, thinned if too many, and the row after the end of each of several recordings or None."""
         if not isinstance(self.recording, Samples):
             return self.thin(MAX_HELD_READINGS, method), None
         ends = np.cumsum([len(part) for part in self.parts]) if self.parts else None
         return self.recording.field, ends
 
     def for_fit(self) -> Readings:
-        """Readings for a fit, with each rest replaced by one reading or none; unchanged if not in memory."""
+        """Readings for a fit, in which each rest is one reading or none; unchanged if not in memory."""
         if self.rests is not None or not isinstance(self.recording, Samples):
             return self
         ends = self.as_array()[1]
@@ -326,11 +327,11 @@ class Readings:
         return self.parts or (self,)
 
     def inliers(self, ellipsoid: Ellipsoid, limit: float) -> Self:
-        """Readings within `limit` of a surface; their summary stays that of all readings."""
+        """Readings within the distance `limit` of a surface; the summary stays that of all readings."""
         return self if np.isinf(limit) else self.wrap(lambda recording: Inliers(recording, ellipsoid, limit))
 
     def wrap(self, wrapped: Callable[[Recording], Recording]) -> Self:
-        """Wrap each recording by a function; held in memory if the readings are. The summary stays unchanged."""
+        """Wrap each recording by a function; the result is in memory if the readings are. The summary is unchanged."""
         if self.recording is None:
             return self
         if self.parts:
@@ -342,16 +343,16 @@ class Readings:
 
     @property
     def are_in_scale(self) -> bool:
-        """Whether the largest reading is in a range in which fits can be computed, in any unit."""
+        """Whether the largest reading is in the range of numbers in which fits can be computed."""
         return MIN_READING < self.summary.moments.unit < MAX_READING
 
     def require(self, unknowns: int, method: str, *, axes: str = "xyz") -> None:
-        """Refuse readings that no method can fit; `axes` are the axes that must change.
+        """Refuse readings that no method can fit; `axes` are the axes whose readings must change.
 
         Raises `TooFewSamples` unless there are as many different readings as unknowns. Raises `OutOfScale` for readings
         outside the range of any magnetometer. Raises `StuckAxis` if an axis never changes. Raises `Unmoved` if the
-        readings vary by less than a thousandth of their mean, which sums about zero do not resolve. `flinders.fit` also
-        checks `flinders.diagnostics.unmoved`.
+        readings vary by less than a thousandth of their mean, as rounding then dominates sums of powers. `flinders.fit`
+        also tests for motion by `flinders.diagnostics.unmoved`.
         """
         plane = "" if axes == "xyz" else f"all the way round in the plane {axes}"
         how = plane or "through all directions"

@@ -10,13 +10,14 @@ the lag of motors, with the Sampson distance s. `flinders.estimators.regressors`
 keeps the significant ones, and `flinders.estimators.regressor_quality` checks the quality of a column.
 
 Use it if a current, a throttle or a temperature was recorded with the readings and changed while the sensor was turned.
-Not if the disturbance changed only with the attitude (see `DisturbanceEstimate.attitude_collinearity`). For a sensor
-that was not turned use `flinders.estimators.static_bench`.
+Do not use it if the disturbance changed only with the attitude (see `DisturbanceEstimate.attitude_collinearity`). For a
+sensor that was not turned use `flinders.estimators.static_bench`.
 
 The ellipsoid is then fitted to the compensated readings by any method. The uncertainty of P is propagated to b and S by
-`DisturbanceFit.carried`, so that their covariance is that of the joint fit:
+the derivative G, `DisturbanceFit.ellipsoid_derivative`. The covariance C of b and S is then that of the joint fit, with
+C₀ for known disturbances and C_P of P:
 
-    C = C | P + G C_P Gᵀ,        G = −(JᵀJ)⁻¹ JᵀJ_P
+    C = C₀ + G C_P Gᵀ,        G = −(JᵀJ)⁻¹ JᵀJ_P
 
 >>> from flinders import simulate
 >>> motors = simulate.MotorCurrent(per_ampere=[0.5, 0.0, -0.3])
@@ -71,31 +72,33 @@ if TYPE_CHECKING:
     from flinders.geometry.ellipsoid import Ellipsoid
 
 MIN_LEVERAGE: Final = 0.5
-"""Leverage from which a reading determines the surface near it more than all others together."""
+"""Leverage from which a single reading determines the surface in its direction more than all others together."""
 
 MAX_LEVERAGE: Final = 0.99
-"""Largest leverage in the estimate of a reading's error, which diverges at 1."""
+"""Largest leverage in the estimate of a reading's error; the estimate diverges at 1."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DisturbanceFit:
-    """Disturbances with their uncertainty, and its effect on an ellipsoid."""
+    """Estimated disturbances with their covariance, and the effect of their uncertainty on the ellipsoid."""
 
     disturbances: tuple[Disturbance, ...]
-    #: (K, K): of (P₁, P₂, …, a): three rows for each disturbance, and one for the growth of the scale with temperature
+    #: (K, K): covariance of (P₁, P₂, …, a): three rows for each disturbance, and one for the growth of the scale with
+    #: the temperature
     covariance: Floats
-    carried: Floats  #: (9, K): derivative of offset and shape by these parameters
+    ellipsoid_derivative: Floats  #: (9, K): derivative of offset and shape by these parameters
     ellipsoid: Ellipsoid  #: ellipsoid of the joint fit
-    noise: float  #: standard deviation of the residual distances, in the unit of the readings
-    noise_without: float  #: the same for the best ellipsoid without disturbances, over the same readings
-    #: one for each disturbance, without its effect on headings
+    noise: float  #: standard deviation of the distances from the ellipsoid, in the unit of the readings
+    #: standard deviation of the distances of the same readings from the best ellipsoid without disturbances
+    noise_without: float
+    #: statistics of each disturbance, without its effect on headings
     estimates: tuple[DisturbanceEstimate, ...]
     constant: tuple[str, ...] = ()  #: disturbances that hardly changed, which are not estimated
     #: (D, D): regression slope of each motor's disturbance (column) on another one (row), in its unit; ones on the
     #: diagonal
-    along: Floats = field(default_factory=lambda: np.eye(0))
-    #: (9, 9): covariance of offset and shape by the errors of single readings of high leverage
-    leaning: Floats = field(default_factory=lambda: np.zeros((9, 9)))
+    motor_slopes: Floats = field(default_factory=lambda: np.eye(0))
+    #: (9, 9): covariance of offset and shape from the errors of single readings of high leverage
+    leverage_covariance: Floats = field(default_factory=lambda: np.zeros((9, 9)))
 
     @property
     def calibration(self) -> Calibration:
@@ -105,35 +108,42 @@ class DisturbanceFit:
         )
 
     def with_states(self, states: Mapping[str, tuple[str, ...]]) -> DisturbanceFit:
-        """A copy with the words of columns of states, by the name of the column."""
+        """A copy in which columns of states have their two words, given by the name of the column."""
         disturbances = tuple(one.with_states(states.get(one.name, ())) for one in self.disturbances)
         estimates = zip(self.estimates, disturbances, strict=True)
         worded = tuple(replace(estimate, disturbance=one) for estimate, one in estimates)
         return replace(self, disturbances=disturbances, estimates=worded)
 
     def widen(self, covariance: Floats) -> Floats:
-        """(9, 9) covariance of offset and shape at the references, from that for known disturbances."""
-        wider: Floats = covariance + self.leaning + self.carried @ self.covariance @ self.carried.T
+        """(9, 9) covariance of offset and shape at the references of the disturbances.
+
+        `covariance` is that of offset and shape for known disturbances.
+        """
+        derivative = self.ellipsoid_derivative
+        wider: Floats = covariance + self.leverage_covariance + derivative @ self.covariance @ derivative.T
         return wider
 
     def joint_covariance(self, covariance: Floats) -> Floats:
-        """(9 + K, 9 + K) covariance of offset, shape and disturbances, from the widened one of offset and shape."""
-        across = self.carried @ self.covariance
+        """(9 + K, 9 + K) covariance of offset, shape and disturbances.
+
+        `covariance` is the (9, 9) result of `widen` for offset and shape.
+        """
+        across = self.ellipsoid_derivative @ self.covariance
         return np.block([[covariance, across], [across.T, self.covariance]])
 
     def at_end(self, covariance: Floats, place: int) -> Floats:
-        """(9, 9) covariance of offset and shape at the far end of the range of one disturbance."""
+        """(9, 9) covariance of offset and shape with one disturbance at the far end of its range."""
         disturbance = self.disturbances[place]
-        carried = self.carried.copy()
-        away = (disturbance.extreme_value - disturbance.reference) * self.along[place]
-        carried[:3, : 3 * len(away)] += np.kron(away, np.eye(3))
-        wider: Floats = covariance + carried @ self.covariance @ carried.T
+        ellipsoid_derivative = self.ellipsoid_derivative.copy()
+        away = (disturbance.extreme_value - disturbance.reference) * self.motor_slopes[place]
+        ellipsoid_derivative[:3, : 3 * len(away)] += np.kron(away, np.eye(3))
+        wider: Floats = covariance + ellipsoid_derivative @ self.covariance @ ellipsoid_derivative.T
         return wider
 
     def remaining_error(
         self, ellipsoid: Ellipsoid, place: int, *, dip_deg: float, down: Floats | None = None
     ) -> HeadingError:
-        """Heading error (1 σ) by the uncertainty of one disturbance, at the far end of its range."""
+        """Heading error (1 σ) from the uncertainty of one disturbance, at the far end of its range."""
         return level_error(ellipsoid, self.at_end(np.zeros((9, 9)), place), dip_deg=dip_deg, down=down)
 
 
@@ -198,11 +208,11 @@ def _make_fit(
 
 
 def _leverage_covariance(solved: DisturbanceSolution, matrix: Floats) -> Floats:
-    """(9, 9) covariance of offset and shape, for known disturbances, by readings of high leverage.
+    """(9, 9) covariance of offset and shape, for known disturbances, from errors of readings of high leverage.
 
-    A reading of leverage h pulls the surface to itself; its error is estimated from its distance s as s/(1 − h). The
-    noise of other readings is no estimate of this error: for example, a single reading in a gap of directions would be
-    claimed to have the usual noise. Source: J. G. MacKinnon, H. White, J. Econometrics 29 (1985) 305–325, HC3.
+    A reading of leverage h pulls the surface towards itself, so that its error is estimated from its distance s as
+    s/(1 − h). The noise of the other readings would not show an error of a reading that is alone in its direction.
+    Source: J. G. MacKinnon, H. White, J. Econometrics 29 (1985) 305–325, HC3.
     """
     rows, distances = solved.jacobian[solved.used], solved.distances[solved.used]
     inverse = NormalEquations(matrix, np.zeros(len(matrix)), 0.0, len(rows)).inverse() / solved.noise**2
@@ -218,9 +228,9 @@ def _leverage_covariance(solved: DisturbanceSolution, matrix: Floats) -> Floats:
 def _add_meter_errors(
     problem: DisturbanceProblem, solved: DisturbanceSolution, covariance: Floats, inverse: Floats
 ) -> Floats:
-    """(9 + K, 9 + K) covariance with the effect of noise and rounding of the meters.
+    """(9 + K, 9 + K) covariance, including noise and rounding of the meters of the disturbances.
 
-    A rounding error is constant while the meter shows one value, so it also has a common effect on these readings.
+    A rounding error is constant while the meter shows one value, so that all these readings have a common error.
     """
     used = solved.used
     normals = solved.jacobian[used, :3]
@@ -243,7 +253,7 @@ def _add_meter_errors(
 
 
 def _meter_noises(problem: DisturbanceProblem, solved: DisturbanceSolution) -> dict[str, Noise]:
-    """Noise of each meter; meters of single motors have a common noise."""
+    """Noise of each meter, by the name of the disturbance; the meters of single motors have a common noise."""
     used, departures, noises = solved.used, problem.departures, {}
     for place, name in enumerate(problem.names):
         sensitivity = solved.jacobian[used, :3] @ solved.at.disturbances[place]
@@ -285,7 +295,7 @@ def _estimate(
     found: Disturbance,
     lag: Lag | None,
 ) -> DisturbanceEstimate:
-    """Statistics of one disturbance; `covariances`: (9 + K, 9 + K) for white noise, and as claimed."""
+    """Statistics of one disturbance; `covariances` are the (9 + K, 9 + K) ones for white noise, and as claimed."""
     inverse, claimed = covariances
     place, used = problem.names.index(found.name), solved.used
     rows = slice(9 + 3 * place, 12 + 3 * place)
@@ -315,18 +325,18 @@ def _estimate(
 
 
 def _rms_over(solved: DisturbanceSolution, used: NDArray[np.bool_]) -> float:
-    """Root mean square distance of a solution over the readings that another solution used."""
+    """Rms distance from the surface of a solution, over the `used` readings of another solution."""
     return float(np.sqrt(np.mean(solved.distances[used] ** 2)))
 
 
 def fit_and_compensate(
     source: object, names: Sequence[str], *, spread: float | None
 ) -> tuple[DisturbanceFit, Recording]:
-    """Estimate the disturbances of a recording, and compensate it; the result can be fitted like any recording.
+    """Estimate the disturbances of a recording, and compensate the recording for them.
 
-    Raises `UsageError` for a source that is not a recording, or an unknown disturbance; `NotTurned` if the sensor was
-    still, so that `fit_still` can estimate its disturbances, but no ellipsoid; `InputError` or `TooFewSamples` as
-    `fit_disturbances`.
+    The compensated recording can be fitted by any method. Raises `UsageError` for a source that is not a recording, or
+    an unknown disturbance. Raises `NotTurned` if the sensor was still: `fit_still` then estimates its disturbances, but
+    no ellipsoid. Raises `InputError` or `TooFewSamples` as `fit_disturbances`.
     """
     if not hasattr(source, "blocks"):
         raise UsageError(f"to follow {' and '.join(names)}, give a recording with that column, such as Samples")

@@ -4,17 +4,18 @@ Minimises
 
     Σ ρ(s(x − Σ P (c(t − lag) − reference)) / σ) + prior
 
-over (b, S, P, a), with the disturbances c and the departure τ of the temperature, by which the scale may grow. The
-direction of each reading is eliminated in the Sampson distance s. With the Jacobian J = [n, n_i u_j] of
-`flinders.likelihood.magnitude` its change is linear in P, so a few steps from a good start are enough:
+over (b, S, P, a), with the disturbances c. The scale of the earth's field may grow by a τ, with the departure τ of the
+temperature from its reference. The direction of the field at a reading is no parameter, as the Sampson distance s does
+not need it. With the Jacobian J = [n, n_i u_j] of `flinders.likelihood.magnitude` the change of s is linear in P, so
+that a few steps from a good start are enough:
 
     ∂s/∂P = −n c,        ∂s/∂a = −τ n·S u
 
 At first large distances have reduced weights, ρ(s) = k² log(1 + s²/k²). In the end outliers are left out, and
 ρ(s) = s². Lags are known here; `flinders.estimators.time_delay` estimates them.
 
-Source: the model of ArduPilot's CompassMot, estimated from the magnitude; P. W. Holland, R. E. Welsch, Comm. Statist. A
-6 (1977) 813–827, for Cauchy weights and their k.
+Source: the model is that of ArduPilot's CompassMot; P. W. Holland, R. E. Welsch, Comm. Statist. A 6 (1977) 813–827, for
+Cauchy weights and their k.
 
 >>> from flinders import simulate
 >>> from flinders.estimators.regressors import LoggedDisturbances
@@ -53,25 +54,25 @@ MAX_START_READINGS: Final = 1_000
 """Largest number of readings for the search of a start."""
 
 MAX_COST_INCREASE: Final = 0.01
-"""Largest increase of χ² by an accepted step, as the Jacobian is that of the surface instead of the cost."""
+"""Largest increase of χ² by an accepted step; the Jacobian is that of the surface, not exactly that of the cost."""
 
 LAST_STEP_SIGMAS: Final = 1e-5
-"""Length of the last step in standard deviations; steps converge slowly if a disturbance follows the attitude."""
+"""Length of the last step in standard deviations: small, as steps converge slowly if a disturbance follows attitude."""
 
 MIN_SCALE: Final = 1e-9
 """Smallest scale of the residuals, relative to the radius."""
 
 OUTLIER_SIGMAS: Final = 4.0
-"""Distance of an outlier in robust standard deviations."""
+"""Smallest distance of an outlier from the surface in robust standard deviations."""
 
 CAUCHY_SIGMAS: Final = 2.4
-"""Distance in robust standard deviations at which the weight of a reading is one half at first."""
+"""Distance in robust standard deviations at which a Cauchy weight is one half."""
 
 MIN_INLIER_SHARE: Final = 0.5
-"""Smallest fraction of the readings that are inliers."""
+"""Smallest fraction of inliers among the readings; with fewer, the nearest readings count as inliers."""
 
 EFFECT_SIGMA: Final = 1.0
-"""Prior standard deviation of a disturbance over its recorded range, relative to the field."""
+"""Prior standard deviation of the change of the offset over a disturbance's recorded range, relative to the field."""
 
 GROWTH_SIGMA: Final = 0.005
 """Prior standard deviation of the relative growth of the scale per °C."""
@@ -79,9 +80,9 @@ GROWTH_SIGMA: Final = 0.005
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DisturbedSurface(Surface):
-    """Offset and shape at the references of the disturbances, and the disturbances."""
+    """Offset and shape at the references of the disturbances, and the offset per unit of each disturbance."""
 
-    disturbances: Floats  # (K, 3) P: offset for each unit of each disturbance
+    disturbances: Floats  # (K, 3) P: change of the offset for each unit of each disturbance
     slope: float = 0.0  # a, 1/°C: relative growth of the scale
 
     def take_step(self, step: Floats, layout: ParameterLayout) -> Self:
@@ -97,9 +98,9 @@ class DisturbedSurface(Surface):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CompensatedReadings:
-    """Observations of the magnitude of compensated readings."""
+    """Readings whose magnitude after compensation is observed, as observations of the solver."""
 
-    field: Floats  # (N, 3)
+    field: Floats  # (N, 3): readings
     departures: Floats  # (N, K): values of the disturbances minus their references
     warmth: Floats | None  # (N,), °C: departure of the temperature, if the scale can follow it
     inliers: NDArray[np.bool_] | None = None  # (N,): readings in the cost; None for Cauchy weights
@@ -112,12 +113,12 @@ class CompensatedReadings:
 
     @property
     def layout(self) -> ParameterLayout:
-        """Columns of offset, shape, P and a."""
+        """Columns of the Jacobian: offset, shape, P and a."""
         end = 9 + 3 * self.departures.shape[1]
         size = end + (self.warmth is not None)
         return ParameterLayout({"disturbances": slice(9, end), "slope": slice(end, size)}, size)
 
-    def compensated(self, at: DisturbedSurface) -> Floats:
+    def compensate(self, at: DisturbedSurface) -> Floats:
         """(N, 3) readings at the references of the disturbances."""
         settled = self.field - self.departures @ at.disturbances
         if self.warmth is None:
@@ -127,11 +128,11 @@ class CompensatedReadings:
 
     def distances(self, at: DisturbedSurface) -> Floats:
         """(N,) Sampson distances."""
-        return magnitude.distances(self.compensated(at), at.ellipsoid)
+        return magnitude.distances(self.compensate(at), at.ellipsoid)
 
     def jacobian(self, at: DisturbedSurface) -> Floats:
-        """(N, P) displacement of the surface at each reading by each parameter."""
-        directions = corrected_directions(self.compensated(at), at.ellipsoid)
+        """(N, P) Jacobian: displacement of the surface at each of N readings by each of P parameters."""
+        directions = corrected_directions(self.compensate(at), at.ellipsoid)
         jacobian = magnitude.information(directions, at.ellipsoid)
         columns = [jacobian, *(jacobian[:, :3] * values[:, np.newaxis] for values in self.departures.T)]
         if self.warmth is not None:
@@ -148,8 +149,8 @@ class CompensatedReadings:
         """The same observations, which do not depend on the parameters."""
         return self
 
-    def linearise(self, at: DisturbedSurface, _: Floats, __: ParameterLayout, scale: float) -> EliminatedEquations:
-        """Normal equations of iteratively reweighted least squares, without own directions."""
+    def linearize(self, at: DisturbedSurface, _: Floats, __: ParameterLayout, scale: float) -> EliminatedEquations:
+        """Normal equations of iteratively reweighted least squares; directions of the field do not occur."""
         scaled = self.distances(at) / scale
         weights = 1.0 / (1.0 + (scaled / CAUCHY_SIGMAS) ** 2) if self.inliers is None else self.inliers.astype(float)
         rows = self.jacobian(at) / scale
@@ -157,7 +158,7 @@ class CompensatedReadings:
         return EliminatedEquations.without_directions(weighted.T @ rows, weighted.T @ scaled, self._loss(scaled))
 
     def cost(self, at: DisturbedSurface, _: Floats, scale: float) -> float:
-        """Σ ρ of the distances in their scale."""
+        """Σ ρ of the distances divided by their scale."""
         return self._loss(self.distances(at) / scale)
 
     def _loss(self, scaled: Floats) -> float:
@@ -175,7 +176,7 @@ class _Fit:
     """Readings, and the prior of the parameters."""
 
     readings: CompensatedReadings
-    spread: float  # of the prior of the shape
+    spread: float  # spread of the prior of the shape
     tolerance: ClassVar[float] = MAX_COST_INCREASE
     last_step: ClassVar[float] = LAST_STEP_SIGMAS
 
@@ -185,7 +186,7 @@ class _Fit:
         return self.readings.layout
 
     def prior_equations(self, at: DisturbedSurface) -> NormalEquations:
-        """Normal equations of the prior: that of the shape, and small effects of P and a over the recorded range."""
+        """Normal equations of the prior: soft iron is small, as are the effects of P and a over the recorded range."""
         matrix, gradient = np.zeros((self.layout.size, self.layout.size)), np.zeros(self.layout.size)
         shape = prior.equations(at.ellipsoid, spread=self.spread)
         ranges = np.maximum(np.abs(self.readings.departures).max(axis=0, initial=0.0), np.finfo(float).tiny)
@@ -201,7 +202,7 @@ class _Fit:
         """Set the scale of the distances to their robust standard deviation."""
         return replace(iterate, weights=self.readings.scale(iterate.at))
 
-    def solved(self, at: DisturbedSurface) -> DisturbedSurface:
+    def solve(self, at: DisturbedSurface) -> DisturbedSurface:
         """Solution of the solver from a start."""
         start = Iterate(at, (self.readings,), (np.empty((0, 3)),), self.readings.scale(at))
         return levenberg_marquardt(self, start).at
@@ -213,8 +214,8 @@ class DisturbanceProblem:
 
     logged: LoggedDisturbances
     names: tuple[str, ...]  # names of the disturbances
-    spread: float  # of the prior of the shape
-    lags: dict[str, float]  # s: lags by name, where not zero
+    spread: float  # spread of the prior of the shape
+    lags: dict[str, float]  # s: lags by the name of the disturbance; zero if missing
 
     @property
     def departures(self) -> Floats:
@@ -239,7 +240,7 @@ class DisturbanceSolution:
 
     at: DisturbedSurface
     distances: Floats  # (N,)
-    jacobian: Floats  # (N, 9 + K): by offset, shape, P₁, P₂, … and a
+    jacobian: Floats  # (N, 9 + K): derivatives by offset, shape, P₁, P₂, … and a
     used: NDArray[np.bool_]  # (N,): inliers
 
     @property
@@ -255,7 +256,7 @@ def solve_disturbances(problem: DisturbanceProblem, start: DisturbanceSolution |
     at = _start(readings.thin(MAX_START_READINGS), problem.spread) if start is None else start.at
     used = _find_inliers(readings.distances(at))
     for _ in range(3):
-        at = _Fit(replace(readings, inliers=used), problem.spread).solved(at)
+        at = _Fit(replace(readings, inliers=used), problem.spread).solve(at)
         again = _find_inliers(readings.distances(at))
         if np.array_equal(again, used):
             break
@@ -264,16 +265,16 @@ def solve_disturbances(problem: DisturbanceProblem, start: DisturbanceSolution |
 
 
 def _start(readings: CompensatedReadings, spread: float) -> DisturbedSurface:
-    """Best solution from two spheres: about readings, and about readings compensated by steps of the disturbances."""
+    """Best solution of two starts: spheres about the readings, and about readings less `_shifts_from_steps`."""
     shifts: list[Floats] = [np.zeros((readings.departures.shape[1], 3))]
     if readings.departures.shape[1]:
         shifts.append(_shifts_from_steps(readings))
-    solutions = [_Fit(readings, spread).solved(_sphere(readings, shift)) for shift in shifts]
+    solutions = [_Fit(readings, spread).solve(_sphere(readings, shift)) for shift in shifts]
     return min(solutions, key=lambda at: robust_sigma(readings.distances(at)))
 
 
 def _shifts_from_steps(readings: CompensatedReadings) -> Floats:
-    """(K, 3) P from differences of neighbouring readings, as the attitude hardly changes while a disturbance jumps."""
+    """(K, 3) P from differences of consecutive readings: the attitude hardly changes while a disturbance jumps."""
     wide = max(1, len(readings.field) // 2000)
     steps, moved = (values[wide:] - values[:-wide] for values in (readings.departures, readings.field))
     shifts: Floats = np.linalg.lstsq(steps, moved, rcond=None)[0]
@@ -289,7 +290,7 @@ def _find_inliers(distances: Floats) -> NDArray[np.bool_]:
 
 
 def _sphere(readings: CompensatedReadings, shifts: Floats) -> DisturbedSurface:
-    """Sphere about compensated readings, by linear least squares about their median; also for flat readings."""
+    """Sphere about compensated readings, by linear least squares about their median; also for readings in a plane."""
     settled = readings.field - readings.departures @ shifts
     centre, _ = sphere_through(settled, np.median(settled, axis=0))
     radius = max(float(np.median(np.linalg.norm(settled - centre, axis=1))), 1e-12)

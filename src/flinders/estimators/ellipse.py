@@ -26,15 +26,15 @@ class Ellipse:
     spacing of the readings: an arc, a turn that stops or 1.2 turns give the same ellipse, with different uncertainties.
 
     Use it instead of `TwoAxisRecipe` if headings were not equally spaced, and for a sweep about x or y. `Level`
-    estimates the same ellipse for a turn about z, and sets the offset along z by the dip; this method leaves the third
-    axis unchanged.
+    estimates the same ellipse for a turn about z, and determines the offset along z by the dip. This method does not
+    correct the third axis.
 
     Parameters
     ----------
     plane : str
         ``"xy"``, ``"yz"`` or ``"zx"``: the third axis is the axis of the turn.
     prior : float
-        See `Likelihood`; it matters only for less than a full turn.
+        See `Likelihood`; the prior matters only for less than a full turn.
     dip_deg : float
         Inclination of the field towards the axis of the turn, in degrees.
     field_strength : float, optional
@@ -42,8 +42,8 @@ class Ellipse:
 
     Notes
     -----
-    The centre includes the effect of soft iron in the vertical field, b + sin I · F (S₁₃, S₂₃) for the plane xy. It is
-    valid while the vehicle stays level, at this dip.
+    The centre of the ellipse includes the effect of soft iron in the vertical field: it is b + sin I · F (S₁₃, S₂₃) for
+    the plane xy. The correction therefore holds while the vehicle stays level, at this dip.
 
     References
     ----------

@@ -1,7 +1,7 @@
-"""Fits in one plane: projection of readings to the plane, and the estimate for three axes.
+"""Fits of readings in one plane: projection to the plane, and the estimate for three axes.
 
-In the plane an estimate is an ellipsoid whose equator contains the readings, as for `Level`. First and second axis of
-the plane are x and y, and z is constant.
+An estimate in the plane is an ellipsoid whose equator contains the projected readings, as for `Level`. The first and
+the second axis of the plane are x and y, and z is constant.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ class NotAnEllipse(NotAnEllipsoid):
 def require_turn(readings: Readings, unknowns: int, method: str, plane: Plane) -> None:
     """Refuse readings that no method can fit in a plane.
 
-    Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `Readings.require`; `Unmoved` also if the
-    readings hardly vary in the plane.
+    Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved` as `Readings.require`; `Unmoved` also for readings
+    that hardly vary in the plane.
     """
     readings.require(unknowns, method, axes=plane)
     seen = list(axis_order(plane)[:2])
@@ -71,7 +71,7 @@ def fit_projected(flat: Readings, spread: float) -> Estimate:
 
 
 def equator_ellipsoid(ellipse: PlaneEllipse) -> Ellipsoid:
-    """Ellipsoid whose equator is an ellipse; its third semi-axis is their geometric mean."""
+    """Ellipsoid whose equator is an ellipse; the third semi-axis is the geometric mean of those of the ellipse."""
     shape = np.zeros((3, 3))
     shape[:2, :2], shape[2, 2] = ellipse.shape, ellipse.radius
     return Ellipsoid(np.append(ellipse.centre, 0.0), shape)
@@ -82,16 +82,16 @@ def lift_estimate(
 ) -> Estimate:
     """Estimate for three axes from the ellipse in a plane; the third axis has unit gain and no offset.
 
-    If a vehicle turns about the third axis, which points down, the field is F (cos I cos ψ, −cos I sin ψ, sin I), and
-    the ellipse has the shape cos I · S₂. Across the plane there is only a prior. The offset in the plane is the centre
-    of the ellipse minus sin I times the coupling from the third axis, which is assumed to be zero.
+    While a vehicle turns about the third axis, which points down, the field is F (cos I cos ψ, −cos I sin ψ, sin I).
+    The shape of the ellipse is then cos I · S₂. Parameters of the third axis have only a prior. The offset in the plane
+    is the centre of the ellipse, because coupling from the third axis is assumed to be zero.
 
     Parameters
     ----------
     flat : Estimate
         Estimate of the projected readings.
     readings : Readings
-        Readings of all three axes. The offset of the third axis is zero, with its mean reading and the field as 1 σ.
+        Readings of all three axes; the 1 σ of the offset of the third axis follows from its mean and the field.
     plane : Plane
         Plane of the turn.
     name : str
@@ -99,7 +99,7 @@ def lift_estimate(
     dip_deg : float
         Inclination of the field towards the third axis, in degrees.
     field_strength : float, optional
-        Semi-axis of the third axis, by default the mean of those in the plane; the matrix has a 1 there in both cases.
+        Semi-axis along the third axis, by default the mean of those in the plane. The gain is 1 in both cases.
     """
     dip = np.deg2rad(dip_deg)
     level = equator_ellipsoid(PlaneEllipse(flat.ellipsoid.centre[:2], flat.ellipsoid.shape[:2, :2]))
@@ -126,7 +126,10 @@ def lift_estimate(
 
 
 def lift_matrix(dip: float) -> Floats:
-    """(9, 9) matrix from the parameters of an equator to those of the ellipsoid with this ellipse at a dip in rad."""
+    """(9, 9) matrix from the parameters of an equator to those of the ellipsoid that gives this ellipse at a `dip`.
+
+    The dip is in rad.
+    """
     lift = np.eye(9)
     lift[3:, 3:] /= np.cos(dip)
     lift[[0, 1, 2], [7, 8, 5]] = -np.tan(dip)
@@ -134,7 +137,7 @@ def lift_matrix(dip: float) -> Floats:
 
 
 def lifted_covariance(covariance: Floats, lift: Floats, unclaimed: float) -> Floats:
-    """(9, 9) covariance of the ellipsoid; `unclaimed` is the standard deviation of the offset across the plane."""
+    """(9, 9) covariance of the ellipsoid; `unclaimed` is 1 σ of the offset along the third axis."""
     known = covariance.copy()
     known[2, :] = known[:, 2] = 0.0
     carried: Floats = lift @ known @ lift.T
@@ -143,6 +146,6 @@ def lifted_covariance(covariance: Floats, lift: Floats, unclaimed: float) -> Flo
 
 
 def _parameters(there: list[int]) -> list[int]:
-    """Indices, in the nine parameters of the plane's frame, of the sensor's parameters in order."""
+    """Index, among the nine parameters in axes of the plane, of each of the nine parameters in axes of the sensor."""
     entries = [_ENTRY_PAIRS.index((min(pair), max(pair))) for pair in ((there[i], there[j]) for i, j in _ENTRY_PAIRS)]
     return [*there, *(3 + entry for entry in entries)]

@@ -1,24 +1,25 @@
 """Covariance of a joint fit, with autocorrelated residuals and without spurious information.
 
-The error of a fit depends on the scatter of Σ Jr. For white residuals it is the normal matrix. Four effects add to it:
+The error of a fit depends on the scatter of the gradient Σ Jr. For white residuals this scatter is the normal matrix.
+Four effects add to it:
 
-- in a window, the gyro's noise gives a random walk of the direction: a step φ at reading j changes all later readings
-  by S ΔR_kᵀ (v × φ), see `flinders.likelihood.gyro_noise`;
+- within a window, the gyro's noise gives a random walk of the direction: a step φ at reading j changes all later
+  readings by S ΔR_kᵀ (v × φ), see `flinders.likelihood.gyro_noise`;
 - residuals of single readings are correlated in time, as in `flinders.estimators.covariance`;
 - parts of the recording differ by more than these effects explain: the factor `excess_variance`;
-- the disturbing field of outliers fades, and remains in the readings before and after them. If the gradient g of these
-  readings is larger than by chance, g gᵀ is added; the claim then includes the change of the fit without them.
+- the disturbing field of outliers fades slowly, so that readings before and after outliers are disturbed, too. If the
+  gradient g of these readings is larger than by chance, g gᵀ is added to the scatter.
 
 Spurious information is removed, as in `flinders.likelihood.identifiability` for the magnitude alone. The Jacobian of a
-reading is evaluated at a direction q with noise, and an accelerometer's noise is in the vertical d. Both change the
-Jacobian, and the squares of these changes add spurious information to JᵀJ. With the Jacobian J(q, d) after elimination
-of the group's own direction it is
+reading is evaluated at a direction q with noise, and at a vertical d with the accelerometer's noise. Both noises change
+the Jacobian, and the squares of these changes add spurious information to JᵀJ. With the Jacobian J(q, d) after
+elimination of the group's own direction the spurious information is
 
     Σ (∂J/∂ε)ᵀ (∂J/∂ε)
 
-over the noises ε in standard deviations: two of q, by the information of its readings, and two across d. It is
-negligible for well-observed parameters. For a body that tilts by only a few degrees, the information on the bias of its
-accelerometer, and on the offset along its vertical, is so small that it matters.
+over the noises ε in standard deviations: two components of q and two components of d. It is negligible for
+well-observed parameters. It matters for a body that tilts by only a few degrees: the true information on the bias of
+its accelerometer, and on the offset along its vertical, is small.
 """
 
 from __future__ import annotations
@@ -57,11 +58,11 @@ MAX_INFORMATION_READINGS: Final = 2000
 """Largest number of readings from which spurious information is computed."""
 
 MAX_SPURIOUS_SHARE: Final = 0.9
-"""Largest fraction of spurious information that is removed; the rest keeps the matrix positive definite."""
+"""Largest fraction of the information that is removed as spurious, so that the matrix stays positive definite."""
 
 
 def joint_spurious_information(problem: JointProblem, iterate: JointIterate) -> Floats:
-    """(P, P) spurious information by noise in the normal matrix."""
+    """(P, P) spurious information in the normal matrix, from noise in the Jacobian."""
     size = problem.layout.size
     total = np.zeros((size, size))
     every = max(1, -(-sum(group.rows.size for group in iterate.groups) // MAX_INFORMATION_READINGS))
@@ -75,7 +76,7 @@ def joint_spurious_information(problem: JointProblem, iterate: JointIterate) -> 
 
 
 def subtract_spurious(matrix: Floats, spurious: Floats, believed: Floats) -> Floats:
-    """(P, P) normal matrix plus that of the prior, minus spurious information.
+    """(P, P) information: `matrix` of the readings minus `spurious` information, plus the prior's `believed`.
 
     >>> subtract_spurious(np.diag([4.0, 4.0]), np.diag([1.0, 0.0]), np.eye(2)).round(9)
     array([[4., 0.],
@@ -96,7 +97,7 @@ def subtract_spurious(matrix: Floats, spurious: Floats, believed: Floats) -> Flo
 def _noisy_jacobians(
     group: ObservationGroup, directions: Floats, problem: JointProblem, iterate: JointIterate
 ) -> Iterator[tuple[Floats, Floats]]:
-    """Yield pairs of Jacobians with each kind of noise changed by plus and minus one standard deviation."""
+    """Yield a pair of Jacobians for each kind of noise: at plus and at minus one standard deviation."""
 
     def jacobian(group: ObservationGroup, directions: Floats) -> Floats:
         return eliminate_directions(residual_rows(group, iterate.at, directions, problem.layout, iterate.weights))[0]
@@ -122,13 +123,13 @@ MAX_WALK_RAD: Final = 0.1
 """Largest random walk in rad within a window for the bias correction, which is of second order."""
 
 MAX_WALK_SHARE: Final = 0.8
-"""Largest fraction of the variance of verticals' residuals that is attributed to a walk."""
+"""Largest fraction of the variance of residuals of verticals that is attributed to a random walk."""
 
 WALK_STEPS: Final = 25
-"""Number of steps in a window from which the size of a walk is estimated."""
+"""Number of steps in a window by which the size of a random walk is estimated."""
 
 MAX_CORRELATION_READINGS: Final = 20_000
-"""Largest number of readings from which the correlation of residuals is estimated."""
+"""Largest number of readings by which the correlation of residuals is estimated."""
 
 FADING_READINGS: Final = 10 * MARGIN_READINGS
 """Readings before and after outliers in which their field can fade: five seconds at 50 Hz."""
@@ -136,13 +137,13 @@ FADING_READINGS: Final = 10 * MARGIN_READINGS
 
 @dataclass(slots=True, eq=False)
 class _Sums:
-    """Sums over parts of the recording, to which each group is added."""
+    """Sums over parts of the recording, to which each group of readings is added."""
 
-    scatter: Floats  # (P, P): of the gradient
+    scatter: Floats  # (P, P): scatter of the gradient
     gradients: Floats  # (B, P): Σ Jr of each block
     squares: Floats  # (B, P, P): Σ JJᵀ of each block
-    fading_gradient: Floats  # (P,): of the readings near outliers
-    fading_squares: Floats  # (P, P): of the readings near outliers
+    fading_gradient: Floats  # (P,): Σ Jr of the readings near outliers
+    fading_squares: Floats  # (P, P): Σ JJᵀ of the readings near outliers
 
     @classmethod
     def of(cls, size: int) -> Self:
@@ -163,20 +164,20 @@ class _Sums:
 
 
 class DirectionRandomWalk(NamedTuple):
-    """Random walk of the direction within windows, by the gyro's noise and similar errors."""
+    """Random walk of the field's direction within windows, from the gyro's noise and similar errors."""
 
     variance: float  # rad² per reading, about each axis
-    bent: Floats  # (P,): mean gradient by the walk
-    own: float  # fraction of the variance of verticals' residuals that is not from the walk
-    steps: Floats  # (P, P): scatter of the gradient by a walk of 1 rad² per reading
+    bias_gradient: Floats  # (P,): mean gradient from the walk
+    own: float  # fraction of the variance of residuals of verticals that is not from the walk
+    steps: Floats  # (P, P): scatter of the gradient from a walk of 1 rad² per reading
 
 
 class Scatter(NamedTuple):
     """Scatter of the gradient of a fit."""
 
-    covariance: Floats  # (P, P): of the gradient, without slow drifts
-    excess_variance: float  # factor by which parts of the recording scatter more, in variance
-    fading: Floats  # (P, P): effect of the fading field of outliers
+    covariance: Floats  # (P, P): covariance of the gradient, without slow drifts
+    excess_variance: float  # ratio of variances: scatter of parts of the recording over that of `covariance`
+    fading: Floats  # (P, P): scatter of the gradient from the fading field of outliers
 
     @property
     def whole(self) -> Floats:
@@ -185,17 +186,18 @@ class Scatter(NamedTuple):
 
 
 class CorrelationLength(NamedTuple):
-    """Correlation of the residuals of verticals."""
+    """Correlation length and noise of the residuals of verticals."""
 
     readings: float  # correlation length in readings; at least 1
     noise: float  # standard deviation of dᵀq in rad, with the current weights
 
 
 def vertical_correlation(iterate: JointIterate) -> CorrelationLength:
-    """Estimate the correlation length of the verticals' residuals in time order.
+    """Estimate the correlation length of the residuals of verticals in the order of time.
 
-    A vertical that is weighted for a correlation length τ has the variance 1/τ. With Q the share that its fitted
-    direction leaves, its expected square is Q²/τ from verticals, and Q − Q² from readings.
+    A vertical has a reduced weight for the correlation length τ of the last estimate, so that its own noise has the
+    variance 1/τ in units of that weight. The fitted direction of its group leaves the share Q of a residual. The
+    expected square of the residual is Q²/τ from the noise of the vertical plus Q − Q² from the noise of readings.
     """
     rows, residuals, expected = [], [], 0.0
     span = iterate.weights.span
@@ -218,16 +220,22 @@ def vertical_correlation(iterate: JointIterate) -> CorrelationLength:
 
 
 def _share_left(own: Floats) -> Floats:
-    """(W, n) share of each vertical's residual left by the fitted direction, from the Jacobian of `own_jacobian`."""
+    """(W, n) share of the residual of each vertical that the fitted direction of its group leaves.
+
+    `own` is the result of `own_jacobian`.
+    """
     upright = orthonormalise(own)[0][:, 3]
     left: Floats = 1.0 - np.einsum("wna,wna->wn", upright, upright)
     return left
 
 
 def estimate_random_walk(problem: JointProblem, iterate: JointIterate, textbook: Floats) -> DirectionRandomWalk:
-    """Estimate the random walk within windows; `textbook` is the (P, P) covariance for white residuals."""
+    """Estimate the random walk of directions within windows.
+
+    `textbook` is the (P, P) covariance for independent residuals.
+    """
     size = problem.layout.size
-    walks, bent, steps = np.zeros(2), np.zeros(size), np.zeros((size, size))
+    walks, bias_gradient, steps = np.zeros(2), np.zeros(size), np.zeros((size, size))
     longest, lifted, heights = 1, 0.0, 0.0
     for group, directions in zip(iterate.groups, iterate.directions, strict=True):
         if group.turned is None:
@@ -241,20 +249,20 @@ def estimate_random_walk(problem: JointProblem, iterate: JointIterate, textbook:
         flat = pulled.transpose(3, 2, 0, 1).reshape(size, -1)
         steps += flat @ flat.T
         whole = walked.WalkStatistics.of(rows, pushes)
-        bent += walked.mean_gradient(whole, group, iterate.at, directions, problem.layout, iterate.weights)
+        bias_gradient += walked.mean_gradient(whole, group, iterate.at, directions, problem.layout, iterate.weights)
         longest = max(longest, pushes.shape[2])
         if group.down is not None and group.attitudes is None and group.trust is not None:
             lifted += _walk_squares(rows, pushes)
             heights += float(np.count_nonzero(group.trust))
     variance = max(float(walks[0] / walks[1]), 0.0) if walks[1] > 0.0 else 0.0
     own = 1.0 - min(variance * lifted / max(heights, 1.0), MAX_WALK_SHARE)
-    return DirectionRandomWalk(variance, min(variance, MAX_WALK_RAD**2 / longest) * bent, own, steps)
+    return DirectionRandomWalk(variance, min(variance, MAX_WALK_RAD**2 / longest) * bias_gradient, own, steps)
 
 
 def gradient_scatter(problem: JointProblem, iterate: JointIterate, walk: DirectionRandomWalk) -> Scatter:
-    """Scatter of the gradient from the residuals of a fit.
+    """Scatter of the gradient, estimated from the residuals of a fit.
 
-    `iterate`: state at convergence; `walk`: random walk of the same fit.
+    `iterate` is the state at convergence; `walk` is the random walk of the same fit.
     """
     size = problem.layout.size
     evidence = _Sums.of(size)
@@ -278,7 +286,7 @@ def gradient_scatter(problem: JointProblem, iterate: JointIterate, walk: Directi
 
 
 def _sum_later(rows: Floats, pushes: Floats) -> Floats:
-    """(W, n, 3, m) sums over reading j and all later ones of (W, k, n, m) rows times their `pushes`."""
+    """(W, n, 3, m) sums over each reading of a window and all later ones of (W, k, n, m) rows times `pushes`."""
     windows, _, n, width = rows.shape
     products = np.empty((width, 3, windows, n)).transpose(2, 3, 1, 0)
     np.einsum("wknj,wknm->wnjm", pushes, rows, out=products)
@@ -287,10 +295,11 @@ def _sum_later(rows: Floats, pushes: Floats) -> Floats:
 
 
 def _walk_score(rows: ObservationRows, residual: Floats, pushes: Floats, pulled: Floats, textbook: Floats) -> Floats:
-    """(2,) score and information of the variance of a walk in rad² per reading; their ratio is the estimate.
+    """(2,) score and information of the variance of a random walk; their ratio is the variance in rad² per reading.
 
-    For residuals r = P(n + Σ w_j φ_j), where P removes fitted directions and parameters, Σ (w_jᵀr)² has the mean
-    Σ w_jᵀPw_j + s Σ (w_jᵀPw_l)². The sums are over a subset of the steps j.
+    Let φ_j be the steps of the walk with the variance s, w_j their effects on the residuals, n white noise, and P the
+    projection that removes fitted directions and parameters. For residuals r = P(n + Σ w_j φ_j) the mean of Σ (w_jᵀr)²
+    is Σ w_jᵀPw_j + s Σ (w_jᵀPw_l)². The sums are over a subset of the steps j.
     """
     stride = max(1, pushes.shape[2] // WALK_STEPS)
     starts = slice(stride // 2, None, stride)
@@ -309,7 +318,7 @@ def _walk_score(rows: ObservationRows, residual: Floats, pushes: Floats, pulled:
 
 
 def _walk_squares(rows: ObservationRows, pushes: Floats) -> float:
-    """Sum of the squared residuals of verticals by a walk of 1 rad² per reading, with fitted directions."""
+    """Expected sum of squared residuals of verticals from a walk of 1 rad² per reading, after fitting directions."""
     own = rows.own.reshape(len(rows.own), -1, 2)
     inverse = inverse_matrices(np.swapaxes(own, 1, 2) @ own)
     upright, raised = rows.own[:, 3:], pushes[:, 3:]
@@ -322,7 +331,10 @@ def _walk_squares(rows: ObservationRows, pushes: Floats) -> float:
 
 
 def _choose_groups(groups: Sequence[ObservationGroup]) -> tuple[float, set[int]]:
-    """Ratio of all single readings to those in chosen groups, and the indices of these groups."""
+    """Choose groups of single readings for the correlation estimate.
+
+    Returns the ratio of all single readings to those in the chosen groups, and the indices of these groups.
+    """
     single = [index for index, group in enumerate(groups) if group.turned is None]
     total = sum(groups[index].rows.size for index in single)
     every = max(1, -(-total // MAX_CORRELATION_READINGS))
@@ -332,7 +344,7 @@ def _choose_groups(groups: Sequence[ObservationGroup]) -> tuple[float, set[int]]
 
 
 def eliminate_directions(rows: ObservationRows) -> tuple[Floats, Floats]:
-    """(W, k, n, P) Jacobian and (W, k, n) residuals after elimination of the windows' own directions."""
+    """(W, k, n, P) Jacobian and (W, k, n) residuals after elimination of the direction of each window."""
     own, _ = orthonormalise(rows.own)
     pulled = np.einsum("wkna,wkn->wa", own, rows.residual)
     mixed = mixed_products(rows.jacobian, own)[:, np.newaxis, np.newaxis]
@@ -343,7 +355,10 @@ def eliminate_directions(rows: ObservationRows) -> tuple[Floats, Floats]:
 
 
 def _add_blocks(evidence: _Sums, block: NDArray[np.intp], jacobian: Floats, residual: Floats) -> Floats:
-    """Add gradients and squares of windows to their (W,) blocks of the recording; returns the (P, P) sum of squares."""
+    """Add gradients and squares of W windows to the sums of their blocks; returns the (P, P) sum of all squares.
+
+    `block` is the (W,) index of the block of each window.
+    """
     total = np.zeros_like(evidence.scatter)
     for index in np.unique(block):
         inside = slice(*np.searchsorted(block, [index, index + 1]))
@@ -372,10 +387,10 @@ def _add_fading(evidence: _Sums, windows: NDArray[np.bool_], jacobian: Floats, r
 
 
 def _fading_scatter(evidence: _Sums, excess: float) -> Floats:
-    """(P, P) scatter by readings near outliers; zero if chance explains their gradient.
+    """(P, P) scatter g gᵀ from the gradient g of readings near outliers; zero if chance explains g.
 
-    With M = N_f/N − (N_f/N)², N_f the squares of those readings and N of all, gᵀg in the scatter's basis has the mean
-    tr M and the variance 2 tr M².
+    Let N_f and N be the squares Σ JJᵀ of these readings and of all, and M = N_f/N − (N_f/N)². In the basis in which the
+    scatter is the unit matrix, gᵀg has the mean tr M and the variance 2 tr M² by chance.
     """
     basis = evidence.basis
     gradient = evidence.fading_gradient @ basis / math.sqrt(excess)
@@ -390,7 +405,10 @@ def _fading_scatter(evidence: _Sums, excess: float) -> Floats:
 
 
 def _autocorrelated_scatter(rows: ObservationRows, basis: Floats) -> Floats:
-    """(P, P) scatter of Σ J r of single readings with residuals correlated in time, separately for each kind."""
+    """(P, P) scatter of Σ J r of single readings whose residuals are correlated in time.
+
+    Each kind of residual has its own autocovariance.
+    """
     jacobian = np.einsum("wkf,wkp->wfp", basis, rows.jacobian[:, :, 0])
     residual = np.einsum("wkf,wk->wf", basis, rows.residual[:, :, 0])
     total = np.zeros((jacobian.shape[-1], jacobian.shape[-1]))
@@ -401,10 +419,10 @@ def _autocorrelated_scatter(rows: ObservationRows, basis: Floats) -> Floats:
 
 
 def _free_directions(own: Floats, direction: Floats) -> Floats:
-    """(W, k, f) directions of residual space that are independent of a reading's own direction.
+    """(W, k, f) directions in the space of a reading's k residuals that its own fitted direction does not absorb.
 
-    The first is along the surface's normal. The others are one for a vertical, or two for an attitude, across the
-    site's field in the world, in which errors of attitudes are correlated.
+    The first is along the normal of the surface. A vertical has one more. An attitude has two more, across the site's
+    field in world axes, as errors of attitudes are correlated there.
     """
     count, kinds, _ = own.shape
     normal = np.cross(own[:, :3, 0], own[:, :3, 1])
@@ -424,9 +442,9 @@ def _free_directions(own: Floats, direction: Floats) -> Floats:
 
 
 def _excess_variance(evidence: _Sums) -> float:
-    """Factor by which the scatter of parts of the recording exceeds that of the whole, in variance; at least 1.
+    """Ratio of variances, at least 1: scatter of parts of the recording over that expected from the whole.
 
-    As `flinders.estimators.covariance.Residuals.excess_variance`, over all parameters.
+    It is computed as `flinders.estimators.covariance.Residuals.excess_variance`, over all parameters.
     """
     basis = evidence.basis
     gradients = evidence.gradients @ basis

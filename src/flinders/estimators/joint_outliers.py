@@ -1,10 +1,10 @@
 """Outliers of a joint fit, and the fit without them.
 
-A reading is an outlier if its residual is many times the median; its neighbours are left out as well, as in a fit of
-the magnitude (`flinders.estimators.outliers`). If a body hardly tilts, a few readings near a magnet can change the
-offset along its vertical more than all others, and then have small residuals. Therefore the fit starts with reduced
-weights of large residuals (`JointProblem.robust`) instead of least squares. For a level turn even such weights are not
-enough along the vertical; there the ellipse in the plane shows the outliers, and the fit starts without them.
+A reading is an outlier if its residual is many times the median residual. Readings shortly before and after it are left
+out as well, as in a fit of the magnitude (`flinders.estimators.outliers`). If a body hardly tilts, a few readings near
+a magnet can change the offset along the vertical more than all others, and then have small residuals. Therefore the fit
+starts with reduced weights of large residuals (`JointProblem.make_robust`) instead of least squares. For a level turn
+reduced weights are not enough along the vertical; the fit then starts without the outliers of the ellipse in the plane.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ OUTLIER_RATIO: Final = 6.0
 """Residual of an outlier, as a multiple of the median residual."""
 
 MIN_INLIER_SHARE: Final = 0.8
-"""Smallest fraction of inliers; with fewer, the model is wrong, and no reading is left out."""
+"""Smallest fraction of inliers; with fewer, the model does not fit, and no reading is left out."""
 
 MAX_ROUNDS: Final = 4
 """Largest number of fits and searches for outliers."""
@@ -47,7 +47,7 @@ def fit_without_outliers(problem: JointProblem, iterate: JointIterate, steps: in
     problem : JointProblem
         The problem with all readings.
     iterate : JointIterate
-        Start, near enough for outliers to have large residuals.
+        Start, close enough to the solution for outliers to have large residuals.
     steps : int
         Largest number of steps of each fit.
     """
@@ -79,7 +79,7 @@ def _inliers(iterate: JointIterate) -> tuple[ObservationGroup, ...]:
 
 
 def _find_outliers(iterate: JointIterate) -> NDArray[np.bool_]:
-    """(N,) whether the residual of each reading of all groups is that of an outlier."""
+    """(N,) whether each reading of all groups is an outlier, by its residual."""
     parts = zip(iterate.groups, iterate.directions, strict=True)
     length = np.concatenate(
         [lengths(unweighted_residuals(group, iterate.at, known)[0]).ravel() for group, known in parts]

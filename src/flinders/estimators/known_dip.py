@@ -71,13 +71,13 @@ def update_by_site(
     dip_deg : float
         Inclination of `estimate`, in degrees.
     alignment_sigma_deg : float, optional
-        Uncertainty of the sensor's z axis being vertical in a level vehicle, 1 σ in degrees.
+        1 σ in degrees of the angle between the sensor's z axis and the vertical in a level vehicle.
 
     Returns
     -------
     Estimate
-        With smaller claims, except for a level turn on a slope by the accelerometer, or with an unknown direction of z.
-        `strength` is that of the site if it was used; `z_down` is the direction of z.
+        Estimate with smaller claims. The claims stay for a level turn on a slope, as the accelerometer shows it, and
+        for a level turn with an unknown direction of z. `Estimate.strength` is that of the site if it was used.
     """
     if estimate.method != Level.name and (estimate.plane or site is None):
         return estimate  # a two-axis recipe has no claim for the third axis
@@ -99,7 +99,7 @@ def update_by_site(
 
 
 def _make_record(estimate: Estimate, dip_deg: float) -> Records:
-    """Record of the engine with the surface, covariances, noise and rejection limit of an estimate."""
+    """Record of the engine with the ellipsoid, covariances, noise and rejection limit of an estimate."""
     record = engine().record()
     record["centre"], record["shape"] = estimate.ellipsoid.centre, upper_entries(estimate.ellipsoid.shape)
     record["radius"], record["noise"], record["dip_deg"] = estimate.ellipsoid.radius, estimate.noise, dip_deg

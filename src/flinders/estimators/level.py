@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from flinders.estimators.data import Readings
 
 TRIM_COUNT, TRIM_SHARE = 3, 0.03
-"""Number of times that readings far from their plane are left out, and the fraction each time, to measure flatness."""
+"""Trimming of readings far from their plane, to measure flatness: number of rounds, and share left out in each."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,9 +32,10 @@ class Level:
 
         c + S₂ (cos ψ, −sin ψ),     c = b + sin I (S₁₃, S₂₃),     S₂ = cos I (S₁₁, S₁₂; S₁₂, S₂₂)
 
-    which is an ellipse for any hard and soft iron. It is estimated like the ellipsoid of `Likelihood`, from the
-    readings projected to the plane, and corrects headings while the vehicle stays level. Along z there are
-    only priors: no soft iron, within the prior's spread, and the offset by the dip, with the field as 1 σ.
+    which is an ellipse for any hard and soft iron. The ellipse is estimated like the ellipsoid of `Likelihood`,
+    from the readings projected to the plane. It corrects headings while the vehicle stays level. Parameters along
+    z have only priors: no soft iron, within the prior's spread; the offset by the dip, with the field strength as
+    1 σ.
 
     Use it for vehicles that cannot be turned upside down. `auto` uses it if all readings are in one plane
     perpendicular to z.
@@ -42,7 +43,7 @@ class Level:
     Parameters
     ----------
     prior : float
-        See `Likelihood`; in the plane it matters only for less than a full turn.
+        See `Likelihood`; in the plane the prior matters only for less than a full turn.
     dip_deg : float
         Inclination of the field at the site, in degrees.
 
@@ -64,10 +65,7 @@ class Level:
     is_biased: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        """Refuse an invalid prior, or None: a level turn does not determine parameters across its plane.
-
-        Raises `UsageError` for either.
-        """
+        """Raise `UsageError` for an invalid prior or none: a level turn does not determine parameters along z."""
         check_prior(self.prior)
         if self.prior is None:
             raise UsageError("level needs a prior across the plane: give one", hint={"prior": prior.SOFT_IRON_SPREAD})
@@ -86,14 +84,15 @@ class Level:
 
 
 def is_level(covariance: Floats, noise: float, *, within: float = MAX_FLAT_NOISE_RATIO) -> bool:
-    """Whether readings with a (3, 3) covariance are within noise in one plane, which is perpendicular to z."""
+    """Whether readings are in one plane perpendicular to z, except for noise; `covariance` is (3, 3)."""
     return engine().is_level(covariance, noise, within)
 
 
 def is_level_turn(field: Floats) -> bool:
-    """Whether (N, 3) readings, in the order of recording, are within noise in a plane perpendicular to z.
+    """Whether (N, 3) readings, in the order of recording, are in a plane perpendicular to z, except for noise.
 
-    The noise is estimated from consecutive readings; swaying of the body is larger than this noise.
+    The noise is estimated from differences of consecutive readings, so that swaying of the body does not count as
+    noise.
 
     >>> headings, rng = np.arange(0.0, 6.28, 0.01), np.random.default_rng(1)
     >>> level = np.stack([25 * np.cos(headings), 25 * np.sin(headings), 0 * headings], axis=1)

@@ -33,7 +33,7 @@ MAX_ITERATED_READINGS: Final = 20_000
 """Largest number of readings in the iteration; for a longer recording a last step uses all readings."""
 
 ROBUST_METHOD, LEVEL_METHOD = "robust", "level"
-"""Method of an estimate without outliers, and of a level turn."""
+"""Names of the methods of an estimate from which outliers were rejected, and of an estimate of a level turn."""
 
 CORRELATION_FIELDS: Final = (
     "lag_one",
@@ -43,7 +43,7 @@ CORRELATION_FIELDS: Final = (
     "noise_lasts",
     "steps_kurtosis",
 )
-"""Fields of a record for a `Correlation`, in its order."""
+"""Fields of the engine's record for the attributes of a `Correlation`, in their order."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,8 +61,8 @@ class Likelihood:
     Parameters
     ----------
     prior : float, optional
-        Prior standard deviation of the scaled shape from a sphere, see `flinders.likelihood.prior`; None leaves
-        unobserved parameters free.
+        Prior 1 σ of the deviation of the shape from a sphere, relative to the radius, see
+        `flinders.likelihood.prior`; None for no prior, so that unobserved parameters are free.
     bias_correction : bool
         False gives the minimum of the Sampson cost itself, for comparison with other software.
 
@@ -117,7 +117,10 @@ class Likelihood:
         return self.polish(fitted, start_ellipsoid(fitted))
 
     def polish(self, readings: Readings, ellipsoid: Ellipsoid, *, robust: bool = False) -> Estimate:
-        """Fit from a given start, robustly if residuals show outliers and `robust` is set; raises as `estimate`."""
+        """Fit from a given start; raises as `estimate`.
+
+        With `robust`, outliers are rejected if residuals show any.
+        """
         field, ends = readings.as_array(self.name)
         record = engine().polish(
             field,
@@ -134,10 +137,10 @@ class Likelihood:
 def fit_record(
     readings: Readings, prior: float | None, *, robust: int, level: int, dip_deg: float = 60.0, statistics: int = 1
 ) -> Records:
-    """Record of the engine for a fit from the consistent start; raises NeedsSamples.
+    """Record of the engine for a fit from the consistent start; raises `NeedsSamples` for sums alone.
 
-    `robust` is 0 for never, 1 if residuals show outliers, 2 for always. `level` is 1 to fit the ellipse if readings are
-    those of a level turn.
+    `robust` rejects outliers never (0), if residuals show outliers (1), or always (2). With `level` 1 an ellipse is
+    fitted if the readings are those of a level turn.
     """
     field, ends = readings.as_array(Likelihood.name)
     time = readings.recording.time if isinstance(readings.recording, Samples) else None
@@ -147,7 +150,7 @@ def fit_record(
 
 
 def estimate_from_record(record: Records, readings: Readings, *, has_statistics: bool = False) -> Estimate:
-    """Make the estimate of a record of the engine; a record with statistics also has the exchanges of axes.
+    """Make the estimate of a record of the engine; a record with statistics also shows exchanged axes.
 
     Raises
     ------
@@ -186,7 +189,7 @@ def estimate_from_record(record: Records, readings: Readings, *, has_statistics:
 
 
 def start_ellipsoid(readings: Readings) -> Ellipsoid:
-    """Ellipsoid to start from: the consistent one, else the algebraic one, else a sphere about the readings."""
+    """Ellipsoid to start from: that of `Consistent`, else of `Algebraic`, else a sphere about the readings."""
     try:
         return fit_adjusted(readings)[0]
     except NotAnEllipsoid:
@@ -199,9 +202,9 @@ def start_ellipsoid(readings: Readings) -> Ellipsoid:
 
 
 def start_spheres(field: Floats, radius: float | None = None) -> Iterator[Ellipsoid]:
-    """Yield spheres to start from: about (N, 3) readings, and at both sides of the plane that fits them best.
+    """Yield spheres to start from: one about (N, 3) readings, and one at each side of the plane that fits them best.
 
-    NaN readings are left out; yields nothing if all others are equal.
+    Readings with NaN are left out. Nothing is yielded if all other readings are equal.
     """
     readings = field[np.isfinite(field).all(axis=1)]
     middle = readings.mean(axis=0)

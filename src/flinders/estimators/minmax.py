@@ -42,35 +42,36 @@ class MinMax:
     ``"mean"``
         The mean of the three h: the three-axis recipe of blogs, and of the slide deck that repeats it [1]_.
     ``"largest"``
-        The largest h, so that no scale is below 1: the recipe of robot cars, with their Xoff and Xsca.
+        The largest h, so that no scale is below 1: the recipe of robot cars, which call the numbers Xoff and Xsca.
     ``"full-range"``
         ½, as ``(raw − min) / (max − min) − ½``: the recipe of the MinIMU-9. Its ``SENSOR_SIGN`` is the axes mapping of
         the recording (``--axes x,-y,-z``).
 
     A given field strength replaces F. If readings are moved or scaled, or their axes exchanged or reversed, the result
-    changes in the same way; if they are rotated, it does not.
+    changes in the same way. This does not hold for a rotation of the readings.
 
-    Use it for the same results as such a program, or if only six numbers are known (`flinders.fitting.axis_extremes`).
-    Do not use it for accuracy: two readings determine each axis. The noise of the extremes always makes the range
-    wider, directions that were not reached make it narrower, and soft iron between axes is not estimated.
+    Use it for the same results as a program with this recipe, or if only six numbers are known
+    (`flinders.fitting.axis_extremes`). Do not use it for accuracy: two readings determine each axis. The noise of the
+    extremes always makes the range wider, directions that were not reached make it narrower, and soft iron between axes
+    is not estimated.
 
     Parameters
     ----------
     variant : str
         ``mean``, ``largest`` or ``full-range``.
     trim : bool
-        First reject outliers as `Robust` does, for which each reading is needed. Readings at rest on the surface do no
-        harm. Off by default, because it is not part of the recipe, and a robust fit is then better than extremes.
+        First reject outliers as `Robust` does, which needs all readings in memory. Off by default, because it is not
+        part of the recipe; the robust fit itself is more accurate than its extremes.
 
     Notes
     -----
-    One published script initialises its maxima with zero: if all readings of an axis are negative, the maximum is then
-    zero. Here extremes are those of the readings. (Copies of [1]_ initialise with ∓32767, which is correct.) Sketches
-    with integers also truncate offset and half-range, which is not reproduced.
+    One published script initialises its maxima with zero, so that the maximum of an axis whose readings are all
+    negative is zero. That mistake is not reproduced. (Copies of [1]_ initialise with ∓32767, which is correct.)
+    Sketches with integers also truncate offset and half-range; that is not reproduced either.
 
-    Covariance: the error of each end is the noise of its reading and the gap to the next reading,
-    σ² + 8 h² / ((K+1)(K+2)) for K places of readings, as coordinates of an even sphere are even along each axis. Other
-    differences from the likelihood are added (`flinders.estimators.base`).
+    Covariance: the error of each extreme is the noise of its reading and the distance to the true end of the axis. For
+    K evenly distributed directions the variance is σ² + 8 h² / ((K+1)(K+2)), as each coordinate of a uniformly covered
+    sphere is uniform. Other differences from the likelihood fit are added (`flinders.estimators.base`).
 
     References
     ----------
@@ -107,9 +108,9 @@ class MinMax:
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid by extremes.
 
-        Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `Readings.require`; `NotAnEllipsoid` if an
-        axis hardly changes compared with another, or the readings are far from the ellipsoid of their extremes; with
-        `trim` also as `Robust`, and `NeedsSamples` if only sums were given.
+        Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `Readings.require`. Raises `NotAnEllipsoid`
+        if an axis hardly changes compared with another, or the readings are far from the ellipsoid of their extremes.
+        With `trim` raises also as `Robust`, and `NeedsSamples` if only sums were given.
         """
         readings.require(self.unknowns, self.name)
         return self._by_inliers(readings) if self.trim else self._by_extremes(readings)
@@ -151,12 +152,12 @@ class MinMax:
 
 
 def extremes_ellipsoid(low: Floats, high: Floats) -> Ellipsoid:
-    """Ellipsoid with axes along those of the sensor that touches (3,) extremes on both sides."""
+    """Ellipsoid aligned with the sensor's axes, between the (3,) smallest and the (3,) largest readings of the axes."""
     return Ellipsoid((low + high) / 2.0, np.diag((high - low) / 2.0))
 
 
 def corrected_length(half: Floats, variant: Variant) -> float:
-    """Length of corrected readings from (3,) half-ranges."""
+    """Length F of corrected readings, from the (3,) half-ranges h of the axes."""
     return {"mean": float(half.mean()), "largest": float(half.max()), "full-range": HALF_RANGE_LENGTH}[variant]
 
 

@@ -1,15 +1,16 @@
 """Check of a gyro's and an accelerometer's unit, axes and motion against the magnetometer.
 
-Before a term is used it is tested on intervals of the recording, with each unit in which a rate can be written, and
-with each of the 48 signed permutations of axes. If one of them fits much better than the recorded one, the wiring or
-the log has an error, which is reported. With y = S⁻¹x for the shape S of the magnetometer alone, and an unknown offset
-β,
+Before a term of an instrument is used, it is tested on intervals of the recording: with each unit in which a rate can
+be written, and with each of the 48 signed permutations of axes. If one of them fits much better than the recorded one,
+the wiring or the log has an error, which is reported. With y = S⁻¹x for the shape S of the magnetometer alone, and an
+unknown offset β,
 
     D (y₁ − β) = ΔRᵀ D (y₀ − β)        of a gyro, from the beginning of an interval to its end
     dᵀ D (y − β) = sin I               of an accelerometer with the vertical d
 
-are linear in β (and sin I). So each permutation D needs only a small linear fit, and the magnetometer's own offset need
-not be known. Intervals are long enough for the field to move by about ten degrees, more than the noise of readings.
+are linear in β (and sin I). So each permutation D needs only a small linear fit, and the offset of the magnetometer
+need not be known. Intervals are long enough for the field's direction to change by about ten degrees, more than the
+noise.
 
 >>> import dataclasses
 >>> from flinders import simulate
@@ -38,25 +39,25 @@ if TYPE_CHECKING:
     from flinders.core.samples import Samples
 
 INTERVALS_S: Final = (0.4, 0.8, 1.6, 3.2, 6.4)
-"""Lengths of intervals in s, which are tried in this order."""
+"""Lengths of intervals in s, in the order in which they are tried."""
 
 MIN_MOTION: Final = 0.2
-"""Smallest median change of the field in an interval, as the chord of a unit field: eleven degrees."""
+"""Smallest median change of the unit vector of the field in an interval, as its length: eleven degrees."""
 
 MAX_INTERVALS: Final = 2000
-"""Largest number of intervals, or of verticals."""
+"""Largest number of intervals of a gyro, or of verticals of an accelerometer."""
 
 MAX_READINGS: Final = 12_000
 """Largest number of readings in all intervals."""
 
 MIN_INTERVALS: Final = 12
-"""Smallest number of intervals, or of verticals."""
+"""Smallest number of intervals of a gyro, or of verticals of an accelerometer."""
 
 MIN_IMPROVEMENT: Final = 2.0
-"""Ratio of residuals from which another unit or permutation fits much better than the recorded one."""
+"""Smallest ratio of the recorded residual to that of another unit or permutation that fits much better."""
 
 MAX_EQUAL_RATIO: Final = 1.4
-"""Largest ratio to the smallest residual at which another unit or permutation fits equally well."""
+"""Largest ratio of a residual to the smallest residual at which both units or permutations fit equally well."""
 
 RAD_S: Final = "rad/s"
 SCALES: Final = {
@@ -69,7 +70,7 @@ SCALES: Final = {
 """Possible units of a column of rates, and their factors to rad/s."""
 
 MAX_RATE_RESIDUAL: Final = 0.5
-"""Largest residual of a gyro in the correct unit, relative to the motion of the field; no other unit is then tried."""
+"""Residual of a gyro, relative to the motion of the field, up to which no other ellipsoid is tried."""
 
 REVERSED_AXES: Final = Axes(signs=(-1, -1, -1))
 """Mapping that reverses all axes."""
@@ -79,37 +80,41 @@ REVERSED_AXES: Final = Axes(signs=(-1, -1, -1))
 class MountingFit:
     """Axes and unit of an instrument that fit the magnetometer best."""
 
-    # mapping from the magnetometer's axes to those of the instrument; a mirror image if one is left-handed
+    # mapping from the magnetometer's axes to those of the instrument; a mirror image if one of both is left-handed
     axes: Axes = field(default_factory=Axes)
-    unit: str = RAD_S  # name in `SCALES`
-    better: float = 1.0  # ratio of the residual as recorded to the best one; 1 if the recorded one is kept
+    unit: str = RAD_S  # name of the unit in `SCALES`
+    # ratio of the residual of the recorded axes and unit to the best residual; 1 if the recorded ones are kept
+    improvement: float = 1.0
     is_clear: bool = True  # whether no other equally simple mapping fits as well
-    misses: tuple[float, ...] = ()  # residual of each of `AXIS_ROTATIONS`, in the recorded unit
-    # residual of the best mapping of a gyro, relative to the motion of the field; 0 if not tested, or hardly moved
-    left: float = 0.0
+    rotation_residuals: tuple[float, ...] = ()  # residual of each of `AXIS_ROTATIONS`, in the recorded unit
+    # residual of the best mapping of a gyro, relative to the motion of the field; 0 if the mapping was not tested, or
+    # the field hardly moved
+    residual: float = 0.0
 
     @property
     def is_as_recorded(self) -> bool:
         """Whether nothing fits much better than the recorded axes and unit."""
-        return self.better == 1.0
+        return self.improvement == 1.0
 
     def is_allowed(self, axes: Axes) -> bool:
-        """Whether a mapping fits about as well as the best one; a mirror image is taken with all axes reversed."""
+        """Whether a mapping fits about as well as the best one; a mirror image counts as its reverse, a rotation."""
         turn = axes.opposite if axes.is_mirror else axes
-        return not self.misses or self.misses[AXIS_ROTATIONS.index(turn)] <= MIN_IMPROVEMENT * min(self.misses)
+        residuals = self.rotation_residuals
+        return not residuals or residuals[AXIS_ROTATIONS.index(turn)] <= MIN_IMPROVEMENT * min(residuals)
 
 
 def fit_gyro_axes(samples: Samples, ellipsoid: Ellipsoid) -> MountingFit:
-    """Unit and axes in which a gyro explains the motion of the field; the recorded ones unless others fit much better.
+    """Unit and axes of a gyro with which it explains the motion of the field.
 
-    `samples`: with time and rate; `ellipsoid`: that of the magnetometer alone; only its shape is used.
+    The recorded ones are kept unless others fit much better. `samples` have times and rates; `ellipsoid` is that of the
+    magnetometer alone, of which only the shape is used.
     """
     if samples.rate is None or samples.time is None:
         return MountingFit()
     free = _best_for_shape(samples, ellipsoid)
-    if free.left <= MAX_RATE_RESIDUAL:
+    if free.residual <= MAX_RATE_RESIDUAL:
         return free
-    return min(free, _best_for_shape(samples, _sphere(samples.field)), key=lambda one: one.left)
+    return min(free, _best_for_shape(samples, _sphere(samples.field)), key=lambda one: one.residual)
 
 
 def _best_for_shape(samples: Samples, ellipsoid: Ellipsoid) -> MountingFit:
@@ -123,7 +128,7 @@ def _best_for_shape(samples: Samples, ellipsoid: Ellipsoid) -> MountingFit:
         for unit in SCALES:
             misses |= _rate_residuals(first, last, rate, interval, unit)
     left = min(misses.values()) / max(still, 1e-300)
-    return replace(_choose_simplest(misses), left=left if still > MIN_MOTION else 0.0)
+    return replace(_choose_simplest(misses), residual=left if still > MIN_MOTION else 0.0)
 
 
 def _sphere(field: Floats) -> Ellipsoid:
@@ -133,9 +138,10 @@ def _sphere(field: Floats) -> Ellipsoid:
 
 
 def fit_accelerometer_axes(samples: Samples, ellipsoid: Ellipsoid) -> MountingFit:
-    """Axes in which the field has a constant angle to an accelerometer's vertical; parameters as in `fit_gyro_axes`.
+    """Axes of an accelerometer with which the angle between field and vertical is constant.
 
-    An accelerometer with all axes reversed is not distinguished, as the angle to an upward vertical is constant, too.
+    Parameters are as in `fit_gyro_axes`. An accelerometer whose axes are all reversed is not recognised, as the angle
+    of the field to an upward vertical is constant, too.
     """
     if samples.acceleration is None:
         return MountingFit()
@@ -155,9 +161,8 @@ def fit_accelerometer_axes(samples: Samples, ellipsoid: Ellipsoid) -> MountingFi
 def second_axis_ratio(rate: Floats) -> float:
     """Ratio of a body's rotation about its second principal axis to that about its first; 0 for one axis.
 
-    Products of consecutive rates are used, which do not contain the gyro's white noise.
-
-    `rate`: (N, 3) in rad/s, without the gyro's bias, in time order.
+    Products of consecutive rates are used, whose mean does not contain the gyro's white noise. `rate` is (N, 3), in
+    rad/s, without the gyro's bias, in the order of time.
 
     >>> second_axis_ratio(np.outer(np.linspace(-1, 1, 50), [0.0, 0.0, 1.0]))
     0.0
@@ -172,7 +177,7 @@ def second_axis_ratio(rate: Floats) -> float:
 def _rate_residuals(
     first: Floats, last: Floats, rate: Floats, interval: Floats, unit: str
 ) -> dict[tuple[str, Axes], float]:
-    """Root mean square residual of the field's motion by a gyro, in one unit and each of the 48 permutations."""
+    """Rms residual of the field's motion that a gyro does not explain, in one unit, for each of the 48 permutations."""
     misses: dict[tuple[str, Axes], float] = {}
     for sign in (1, -1):
         turned = gyro.integrate_rates(sign * SCALES[unit] * rate, interval, np.zeros(3)).rotations[:, -1]
@@ -186,11 +191,11 @@ def _rate_residuals(
 
 
 def _choose_simplest(misses: dict[tuple[str, Axes], float]) -> MountingFit:
-    """The recorded axes and unit, unless others fit much better: then the simplest of those with the best fit."""
+    """Choose the recorded axes and unit, or, if others fit much better, the simplest of those that fit best."""
     recorded, best = misses[RAD_S, Axes()], min(misses.values())
     turned = tuple(misses[RAD_S, axes] for axes in AXIS_ROTATIONS)
     if recorded <= MIN_IMPROVEMENT * best:
-        return MountingFit(misses=turned)
+        return MountingFit(rotation_residuals=turned)
     alike = [candidate for candidate, miss in misses.items() if miss <= MAX_EQUAL_RATIO * best]
     least = min(_deviation_rank(*candidate) for candidate in alike)
     plain = [candidate for candidate in alike if _deviation_rank(*candidate) == least]
@@ -199,7 +204,10 @@ def _choose_simplest(misses: dict[tuple[str, Axes], float]) -> MountingFit:
 
 
 def _deviation_rank(unit: str, axes: Axes) -> int:
-    """Rank of a deviation from the recording: 1 for a unit or all signs, 2 for axes, 3 for a mirror, 4 for both."""
+    """Rank of a deviation from the recorded unit and axes; a lower rank is simpler.
+
+    1 is another unit or all signs, 2 are other axes, 3 is a mirror image, and 4 are other axes in another unit.
+    """
     is_signed = axes.order == (0, 1, 2) and axes.signs in ((1, 1, 1), (-1, -1, -1))
     if unit != RAD_S:
         return 1 if is_signed else 4
@@ -220,7 +228,11 @@ def _to_unit_sphere(field: Floats, ellipsoid: Ellipsoid) -> Floats:
 
 
 def _segments(samples: Samples, ellipsoid: Ellipsoid) -> tuple[Floats, Floats, Floats, Floats]:
-    """(W, 3) readings at the beginning and the end of intervals, with (W, n, 3) rates and (W, n) time steps between."""
+    """Divide a recording into W intervals of n time steps.
+
+    Returns the (W, 3) readings at the beginning and at the end of each interval, the (W, n, 3) rates in it, and its
+    (W, n) time steps.
+    """
     segments: tuple[Floats, Floats, Floats, Floats] = (
         np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 1, 3)), np.empty((0, 1)),
     )  # fmt: skip

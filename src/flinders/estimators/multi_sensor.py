@@ -4,16 +4,17 @@ Minimises over all sensors i and times k, with the noise σᵢ of each sensor,
 
     Σ |xᵢₖ − bᵢ − Sᵢ Rᵢᵀ qₖ|² / σᵢ²   over (bᵢ, Sᵢ, Rᵢ) and qₖ, |qₖ| = 1
 
-with R = 1 for the reference. Each direction qₖ is eliminated (`flinders.likelihood.sensors`). Of 3m residuals 3m − 2
-remain: m compare the lengths, and 2(m − 1) compare the directions of the sensors. The σᵢ are estimated from the
-residuals by Fisher scoring, the mean gradient by noise on the curved sphere is subtracted
-(`flinders.likelihood.solver`), and outliers are left out.
+with R = 1 for the reference. Each direction qₖ is eliminated (`flinders.likelihood.sensors`). At each time 3m residuals
+of m sensors are then equivalent to 3m − 2: m compare the lengths, and 2(m − 1) compare the directions of the sensors.
+The σᵢ are estimated from the residuals by Fisher scoring. The bias by noise on the curved sphere of directions is
+corrected (`flinders.likelihood.solver`), and outliers are left out.
 
-The fit gives the rotations between the sensors, and improves each sensor by the information of the others. Readings of
-two sensors are an affine map of each other, so a noisy sensor becomes nearly as accurate as the best one. The fit does
-not improve coverage: if the body was not turned upside down, the same parameters are undetermined for all sensors.
+The fit gives the rotations between the sensors, and improves each sensor by the information of the others. The readings
+of one sensor are an affine map of those of another, so that a noisy sensor becomes nearly as accurate as the best one.
+The fit does not improve coverage: if the body was not turned upside down, the same parameters are undetermined for all
+sensors.
 
-Source: eliminating nuisance parameters as in B. Triggs et al., *Bundle Adjustment*, 2000; the model of a reading is
+Source: nuisance parameters are eliminated as in B. Triggs et al., *Bundle Adjustment*, 2000; the model of a reading is
 that of M. Kok, T. B. Schön, IEEE Sensors J. 16 (2016), eq. 1.
 
 >>> rng = np.random.default_rng(1)
@@ -64,7 +65,7 @@ if TYPE_CHECKING:
     from flinders.likelihood.sensors import SensorIterate
 
 MAX_FIT_TIMES: Final = 10_000
-"""Largest number of times in the iteration; for a longer recording a last fit uses all."""
+"""Largest number of times in the iteration; for a longer recording a last fit uses all times."""
 
 MAX_START_TIMES: Final = 1_000
 """Largest number of times with which starts are compared."""
@@ -73,7 +74,7 @@ MAX_INFORMATION_TIMES: Final = 2_000
 """Largest number of times from which spurious information is computed."""
 
 MIRROR_MARGIN: Final = 2.0
-"""Ratio of residuals from which a mirror image is accepted instead of a rotation."""
+"""Smallest ratio of the residual of a rotation to that of a mirror image at which the mirror image is accepted."""
 
 MAX_CORRELATION_TIMES: Final = 16_384
 """Largest number of times from which the correlation of residuals is estimated."""
@@ -85,7 +86,7 @@ OUTLIER_RATIO: Final = 6.0
 """Residual of an outlier, as a multiple of the sensor's median residual."""
 
 MAX_OUTLIER_ROUNDS: Final = 6
-"""Largest number of searches for outliers; each leaves out the worst reading at a time."""
+"""Largest number of searches for outliers; each search leaves out the worst reading of each time."""
 
 MIN_INLIER_SHARE: Final = 0.5
 """Smallest fraction of inliers of a sensor; with fewer, no reading is rejected, and its noise estimate grows."""
@@ -98,19 +99,21 @@ MIN_TIMES: Final = 24
 class MultiSensorFit:
     """Result of a joint fit of several magnetometers."""
 
-    # of each sensor; `rotation` is from its axes to those of the reference, with determinant −1 for a mirror image
+    # parameters of each sensor; `rotation` is from its axes to those of the reference, with determinant −1 for a mirror
+    # image
     parameters: tuple[Parameters, ...]
     reference: int  # index of the reference sensor, whose rotation is 1
-    # columns of each sensor: offset, shape, and except for the reference the rotation vector, on the left
+    # rows of each sensor in the covariance: offset, shape, and except for the reference the rotation vector, which is
+    # applied on the left
     columns: tuple[slice, ...]
-    covariance: Floats  # (P, P): of all parameters
-    textbook: Floats  # (P, P): the same for independent residuals
+    covariance: Floats  # (P, P): covariance of all parameters
+    textbook: Floats  # (P, P): covariance of all parameters for independent residuals
     noise: Floats  # (m,): standard deviation of a component of a reading, in the unit of each sensor
-    directions: Floats  # (N, 3): of the field at each time, in the axes of the reference
+    directions: Floats  # (N, 3): direction of the field at each time, in the axes of the reference
     is_inlier: NDArray[np.bool_]  # (m, N): whether each reading exists and is an inlier
     prior_influence: Floats  # (m,): fraction of information from the prior, in the least known parameter of each shape
     unobserved: int  # number of directions of parameter space that the readings do not determine
-    # factor by which the scatter of parts of the recording exceeds that of their residuals, in variance
+    # ratio of variances: scatter of parts of the recording over the scatter expected from their residuals
     excess_variance: float
 
     def of(self, sensor: int) -> Floats:
@@ -123,14 +126,14 @@ class MultiSensorFit:
         of_turn = self.of(sensor)[9:, 9:]
         return self.parameters[sensor].rotation, of_turn if sensor != self.reference else np.zeros((3, 3))
 
-    def corrected(self, sensor: int, field: Floats) -> Floats:
+    def correct(self, sensor: int, field: Floats) -> Floats:
         """Correct (N, 3) readings of a sensor to fields of unit length in the axes of the reference."""
         at = self.parameters[sensor]
         turned: Floats = (field - at.offset) @ np.linalg.inv(at.rotated_shape).T
         return turned
 
     def estimate(self, sensor: int) -> Estimate:
-        """The ellipsoid of one sensor with its marginal covariance, in the form of other methods."""
+        """The ellipsoid of one sensor and its covariance as an `Estimate`, as of a method for one magnetometer."""
         at, nine = self.parameters[sensor], self.columns[sensor].start + np.arange(9)
         return Estimate(
             at.ellipsoid,
@@ -186,9 +189,10 @@ def fit_sensors(
 
 
 def mirror_or_rotation(seen: Floats, into: Floats) -> Floats:
-    """(3, 3) orthogonal matrix from (N, 3) directions to others; a mirror image if it fits much better than a rotation.
+    """(3, 3) orthogonal matrix that maps (N, 3) directions `seen` to `into`: a rotation or a mirror image.
 
-    Minimises Σ |vₖ − R uₖ|² (Kabsch), once among rotations and once among mirror images.
+    Minimises Σ |vₖ − R uₖ|² (Kabsch), once among rotations and once among mirror images. The mirror image is returned
+    if it fits much better, by `MIRROR_MARGIN`.
 
     >>> directions = np.random.default_rng(1).normal(size=(50, 3))
     >>> mirror_or_rotation(directions * [1, 1, -1], directions).round(6).diagonal()
@@ -208,7 +212,10 @@ def is_sound(estimate: Estimate) -> bool:
 
 
 def _start_parameters(fields: Floats, reference: int, alone: Sequence[Estimate | None]) -> Iterator[Sensors]:
-    """Yield parameters to start from: by estimates of each sensor, mapped from the best one if missing; or spheres."""
+    """Yield parameters to start from: first by the estimates of each sensor alone, then by spheres.
+
+    A sensor without an estimate gets that of the best sensor, mapped to its readings.
+    """
     sound = [each.ellipsoid if each is not None and is_sound(each) else None for each in alone]
     if all(each is not None for each in sound):
         yield _fit_rotations(fields, reference, [each for each in sound if each is not None])
@@ -232,7 +239,7 @@ def _start_parameters(fields: Floats, reference: int, alone: Sequence[Estimate |
 
 
 def _map_ellipsoid(field: Floats, ellipsoid: Ellipsoid, other: Floats) -> Ellipsoid:
-    """Ellipsoid of another sensor by the affine map between their readings; a sphere for flat readings."""
+    """Ellipsoid of another sensor, mapped by the affine map between the readings; a sphere for readings in a plane."""
     both = np.isfinite(field).all(axis=1) & np.isfinite(other).all(axis=1)
     first, second = field[both], other[both]
     middle, mean = first.mean(axis=0), second.mean(axis=0)
@@ -247,7 +254,7 @@ def _map_ellipsoid(field: Floats, ellipsoid: Ellipsoid, other: Floats) -> Ellips
 
 
 def _fit_rotations(fields: Floats, reference: int, ellipsoids: Sequence[Ellipsoid]) -> Sensors:
-    """Parameters of these ellipsoids, with rotations that fit the directions of each sensor to the reference."""
+    """Parameters with given ellipsoids, and with rotations that fit the directions of each sensor to the reference."""
     seen = [
         (field - ellipsoid.centre) @ np.linalg.inv(ellipsoid.shape)
         for field, ellipsoid in zip(fields, ellipsoids, strict=True)
@@ -270,7 +277,7 @@ def _unit_vectors(vectors: Floats) -> Floats:
 
 
 def _misfit(iterate: SensorIterate) -> float:
-    """Sum of the logarithms of all sensors' noises, relative to their radii."""
+    """Sum over all sensors of the logarithm of the noise relative to the radius."""
     return float(np.log(iterate.weights / iterate.at.radii).sum())
 
 
@@ -284,7 +291,7 @@ def _solve_from(fields: Floats, reference: int, begin: Sensors, spread: float) -
 
 
 def _without_outliers(problem: SensorProblem, iterate: SensorIterate) -> SensorIterate:
-    """Find outliers, at each time the worst one first, and fit again without them."""
+    """Find outliers and fit again without them, until they no longer change."""
     for _ in range(MAX_OUTLIER_ROUNDS):
         inliers = _inliers(problem, iterate)
         if np.array_equal(inliers, iterate.groups[0].inliers):
@@ -294,7 +301,7 @@ def _without_outliers(problem: SensorProblem, iterate: SensorIterate) -> SensorI
 
 
 def _inliers(problem: SensorProblem, iterate: SensorIterate) -> NDArray[np.bool_]:
-    """(m, N) inliers: without previous outliers that still are, and without the worst new one at each time."""
+    """(m, N) inliers: previous outliers that still are outliers stay excluded, and so does the worst of each time."""
     recorded, counted = problem.group.inliers, iterate.groups[0].inliers
     distances = iterate.groups[0].distances(iterate.at, iterate.directions[0], iterate.weights)
     usual = np.nanmedian(np.where(counted, distances, np.nan), axis=1, keepdims=True)
@@ -338,7 +345,7 @@ def _support(problem: SensorProblem, iterate: SensorIterate, matrix: Floats) -> 
 
 
 def _thin(iterate: SensorIterate, most: int) -> tuple[SensorIterate, int]:
-    """The iterate with about `most` times, spread evenly, and the stride."""
+    """The iterate with about `most` times, spread evenly, and the stride between these times."""
     stride = max(1, len(iterate.directions[0]) // most)
     some = replace(
         iterate, groups=(iterate.groups[0].thin_windows(stride),), directions=(iterate.directions[0][::stride],)
@@ -347,14 +354,15 @@ def _thin(iterate: SensorIterate, most: int) -> tuple[SensorIterate, int]:
 
 
 def _rows(problem: SensorProblem, iterate: SensorIterate, directions: Floats) -> ObservationRows:
-    """Residuals and Jacobians of an iterate, with other directions."""
+    """Residuals and Jacobians of an iterate, at other directions of the field than its own."""
     return iterate.groups[0].rows(iterate.at, directions, problem.layout, iterate.weights)
 
 
 def _spurious_information(problem: SensorProblem, iterate: SensorIterate) -> Floats:
-    """(P, P) mean spurious information by noise in the directions: Σ C_ab J(t_a)ᵀ Q J(t_b).
+    """(P, P) mean spurious information from noise in the directions: Σ C_ab J(t_a)ᵀ Q J(t_b).
 
-    J is linear in the direction; its noise along the tangents t_a has the covariance C.
+    The Jacobian J is linear in the direction. C is the covariance of a direction's noise along the two tangents t_a,
+    and Q removes the part that the fitted direction absorbs.
     """
     some, stride = _thin(iterate, MAX_INFORMATION_TIMES)
     rows = _rows(problem, some, some.directions[0])
@@ -379,10 +387,11 @@ def _spurious_information(problem: SensorProblem, iterate: SensorIterate) -> Flo
 def _scatter(
     problem: SensorProblem, iterate: SensorIterate, textbook: Floats, alone: Sequence[Estimate | None]
 ) -> tuple[Floats, float]:
-    """(P, P) scatter of the gradient with correlated residuals, and its excess by slow drifts.
+    """(P, P) scatter of the gradient for correlated residuals, and the factor by which slow drifts increase it.
 
-    Each component of each sensor is a separate series, as in `flinders.estimators.covariance`. The part of a sensor is
-    at least as much larger as in its own estimate, which includes distortions by direction.
+    Each component of each sensor is a separate series, as in `flinders.estimators.covariance`. The scatter of a sensor
+    is increased at least by the factor of the estimate of this sensor alone, which includes direction-dependent
+    distortion.
     """
     some, stride = _thin(iterate, MAX_CORRELATION_TIMES)
     jacobian, residual = eliminate_directions(_rows(problem, some, some.directions[0]))
@@ -401,5 +410,5 @@ def _scatter(
 
 
 def _own_inflation(estimate: Estimate | None) -> float:
-    """Ratio of variances of a sensor's own estimate to those for independent residuals, at least 1."""
+    """Ratio of the variances of an estimate of one sensor alone to those for independent residuals, at least 1."""
     return 1.0 if estimate is None or estimate.plane else max(1.0, estimate.variance_inflation())

@@ -1,4 +1,4 @@
-"""Scaling of a recording in a field of varying strength to one strength."""
+"""Scaling of a recording in a field of varying strength to the mean strength."""
 
 from __future__ import annotations
 
@@ -22,14 +22,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AtOneStrength(RecordingWrapper):
-    """A recording scaled to the mean strength H of a varying field H_k: x₀ + (x − x₀) H/H_k about a centre x₀.
+    """A recording scaled to the mean strength H of the field: readings become x₀ + (x − x₀) H/H_k.
 
-    The result is on one ellipsoid; its noise is larger where the field is weak.
+    H_k is the strength of the field at a reading and x₀ the centre. The scaled readings lie on one ellipsoid; their
+    noise is larger where the field is weak.
     """
 
     recording: Recording
     centre: Floats  # (3,): x₀
-    mean: float  # H
+    mean: float  # H, in the unit of the strengths
 
     def blocks(self) -> Iterator[Samples]:
         """Yield scaled blocks, without readings of unknown strength."""
@@ -41,9 +42,9 @@ class AtOneStrength(RecordingWrapper):
 
 
 def scale_to_one_strength(readings: Readings, estimate: Estimate) -> Readings:
-    """Scale readings to one strength if an estimate follows a varying strength; otherwise unchanged.
+    """Scale readings to the mean strength if an estimate follows a varying strength; else return them unchanged.
 
-    The quality statistics, such as repeats and rails, stay those of the recording.
+    Statistics of quality, such as repeats and rails, stay those of the unscaled recording.
     """
     if estimate.follows != "varying" or readings.recording is None or estimate.strength is None:
         return readings

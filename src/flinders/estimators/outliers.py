@@ -1,8 +1,9 @@
 """Outliers of a recording: runs of readings, their times and distances.
 
-The field of a passing magnet fades in and out, and its component along the surface's normal crosses zero. So readings
-between outliers, and shortly before and after them, are also disturbed. Single outliers, such as those of a bus that
-drops bits, do not affect their neighbours. Therefore a run begins where more of eleven readings are far than by chance.
+The field of a passing magnet rises and falls slowly, and its component along the surface's normal crosses zero. So
+readings between outliers, and shortly before and after them, are also disturbed. Single outliers, such as those of a
+bus that drops bits, do not affect their neighbours. Therefore outliers make a run if, of eleven consecutive readings,
+more are far from the surface than chance explains.
 
 >>> from flinders.geometry.ellipsoid import Ellipsoid
 >>> from flinders.core.samples import Samples
@@ -40,16 +41,16 @@ if TYPE_CHECKING:
     from flinders.geometry.ellipsoid import Ellipsoid
 
 WINDOW_READINGS: Final = enum_value("WINDOW")
-"""Length of the window for runs in readings: a fifth of a second at 50 Hz, less than a magnet takes to pass."""
+"""Length in readings of the window in which a run is detected: 0.2 s at 50 Hz, less than a magnet takes to pass."""
 
 MARGIN_READINGS: Final = enum_value("MARGIN")
-"""Readings before and after a run that are left out, too: half a second at 50 Hz, in which a magnet's field fades."""
+"""Count of readings before and after a run that are also left out: 0.5 s at 50 Hz, in which a magnet's field fades."""
 
 NO_RUN: Final = enum_value("NO_RUN")
-"""Value of `dense` that is larger than a window, for outliers without runs."""
+"""Value of `dense` for outliers without runs: no window has so many readings."""
 
 _REACH_READINGS: Final = MARGIN_READINGS + WINDOW_READINGS // 2
-"""Number of readings before and after a reading that affect whether it is left out."""
+"""Count of readings on either side of a reading that determine whether it is left out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,11 +63,11 @@ class Outlier:
     start_s: float  # s: time of the first reading; NaN without times
     end_s: float  # s: time of the last reading; NaN without times
     max_distance: float  # largest distance from the ellipsoid, in the unit of the readings
-    independent: int = 0  # number of outliers with each rest counted as one or none, as in a fit
+    independent: int = 0  # number of outliers if all readings of a rest count as one or none, as in a fit
 
     @classmethod
     def of_run(cls, run: np.void) -> Self:
-        """Make the run of a row of `flinders.native.layouts.OUTLIER`, which counts readings from 0."""
+        """Make the run from a row of `flinders.native.layouts.OUTLIER`, in which readings are counted from 0."""
         first, last, rows, fitted, *times, farthest = run.tolist()
         start, end = (np.nan if math.isnan(time) else time for time in times)  # one object, so that runs compare
         return cls(first + 1, last + 1, rows, start, end, farthest, fitted)
@@ -81,7 +82,7 @@ class Outlier:
 
 
 def list_outliers(readings: Readings, ellipsoid: Ellipsoid, limit: float, dense: int) -> tuple[Outlier, ...]:
-    """Runs of readings that `Readings.near` leaves out, numbered over all recordings."""
+    """Runs of readings that `Readings.inliers` leaves out; readings are numbered over all recordings."""
     outliers: list[Outlier] = []
     first_row = 1
     for part in readings.single_recordings:
@@ -109,12 +110,12 @@ def outlier_runs(
     blocks : iterable of Samples
         Blocks of the recording.
     ellipsoid, limit, dense
-        See `mark_outliers`; by default only readings beyond the limit are left out.
+        As in `mark_outliers`; by default only readings beyond `limit` are left out.
     first_row : int
         Number of the first reading.
     rests : Rests, optional
-        Rests of the original recording, if each rest is one reading or none in `blocks`; numbers and times are then
-        those of the original.
+        Rests of the original recording, if each rest is one reading or none in `blocks`. The numbers and times of runs
+        are then those of the original recording.
     """
     runs = np.empty(0, OUTLIER)
     for block, distances, out in mark_outliers(blocks, ellipsoid, limit, dense):
@@ -136,14 +137,18 @@ def _rows_and_times(
 
 
 def extend_to_runs(far: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(N,) outliers from (N,) `far`: far readings, and all readings in or near a run of far ones."""
+    """(N,) whether each reading is an outlier: far readings, and all readings in or near a run of far readings.
+
+    `far` is (N,), whether each reading is far from the surface.
+    """
     return engine().mark_outliers(far, min_run_readings(far, len(far)))
 
 
 def min_run_readings(far: NDArray[np.bool_], rows: int) -> int:
-    """Smallest number of far readings in a window that make a run, from (N,) `far`, whether each reading is far.
+    """Smallest number of far readings in a window that make a run.
 
-    The rate of far readings by chance is that outside of runs, so obvious runs are removed before counting.
+    `far` is (N,), whether each reading is far from the surface; `rows` is the number of readings in the recording. The
+    rate of far readings by chance is that outside of runs, so that obvious runs are removed before counting.
 
     >>> min_run_readings(np.arange(500) % 500 == 9, 500), min_run_readings(np.arange(500) % 3 == 0, 500) == NO_RUN
     (3, True)
@@ -154,9 +159,10 @@ def min_run_readings(far: NDArray[np.bool_], rows: int) -> int:
 def mark_outliers(
     blocks: Iterable[Samples], ellipsoid: Ellipsoid, limit: float, dense: int
 ) -> Iterator[tuple[Samples, Floats, NDArray[np.bool_]]]:
-    """Yield each block of a recording with (m,) distances from a surface and (m,) whether readings are left out.
+    """Yield each block of m readings with (m,) distances from a surface, and (m,) whether each reading is left out.
 
-    A reading is judged with its neighbours, also across the ends of blocks, so the result does not depend on blocks.
+    Readings beyond `limit` are left out, and runs with at least `dense` such readings in a window. Runs may cross the
+    ends of blocks, so that the result does not depend on the blocks.
     """
     ahead = iter(blocks)
     pending = deque(islice(ahead, 1))  # not `itertools.tee`, which releases blocks in groups of 57
@@ -175,7 +181,7 @@ def mark_outliers(
 
 
 def is_near(margin: int, some: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(N,) whether each reading is at most `margin` rows from a true one in (N,) `some`.
+    """(N,) whether each row is at most `margin` rows from a row at which the (N,) mask `some` is true.
 
     >>> is_near(1, np.arange(6) == 4).tolist()
     [False, False, False, True, True, True]

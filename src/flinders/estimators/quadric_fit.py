@@ -33,17 +33,20 @@ CONSTRAINT_BASES: Final[dict[str, Floats]] = {
     "yz": np.eye(6)[:, [1, 0]] + np.eye(6)[:, [2, 2]] * [1.0, 0.0],
     "sphere": np.eye(6)[:, :3].sum(axis=1, keepdims=True),
 }
-"""(6, k) bases of the entries 11, 22, 33, 12, 13, 23 under each constraint, both of Q and of the shape."""
+"""(6, k) basis of the entries 11, 22, 33, 12, 13, 23 of a symmetric matrix, by the name of the constraint on it.
+
+The same constraint holds for Q and for the shape of the ellipsoid.
+"""
 
 _TRACE: Final = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """Scatter of readings relative to an origin, divided by a scale."""
+    """Scatter of scaled readings, (reading − origin) / scale, for well-conditioned equations."""
 
-    origin: Floats  # (3,), in the unit of the readings
-    scale: float  # in the unit of the readings
+    origin: Floats  # (3,): origin, in the unit of the readings
+    scale: float  # scale, in the unit of the readings
     scatter: Floats  # (10, 10): M: sums of products of x², y², z², xy, xz, yz, x, y, z and 1
 
     @classmethod
@@ -70,7 +73,10 @@ def least_squares(scatter: Floats, fixed: Floats, free: Floats) -> Floats:
 
 
 def fit_constrained(scatter: Floats, entries: Floats, *, centred: bool = False) -> Floats:
-    """(10,) coefficients that minimise cᵀMc with tr Q = 3, for a (6, k) basis of Q; l = 0 if `centred`."""
+    """(10,) coefficients c that minimise cᵀMc with tr Q = 3, where Q has the (6, k) basis `entries`.
+
+    With `centred` the centre is the origin, l = 0.
+    """
     trace = _TRACE @ entries
     traceless = entries[:, 1:] - entries[:, :1] * (trace[1:] / trace[0])
     linear = np.eye(4)[:, 3:] if centred else np.eye(4)
@@ -80,6 +86,6 @@ def fit_constrained(scatter: Floats, entries: Floats, *, centred: bool = False) 
 
 
 def make_estimate(readings: Readings, ellipsoid: Ellipsoid, method: str, basis: Floats = FULL_BASIS) -> Estimate:
-    """Make the estimate of a fit that minimises Σ q(x)² over parameters with a (9, k) basis."""
+    """Make the estimate of a fit that minimises Σ q(x)², with a claim for the parameters of the (9, k) basis."""
     noise = algebraic_noise(readings, ellipsoid, basis.shape[1])
     return Estimate(ellipsoid, algebraic_covariance(readings, ellipsoid, noise, basis), noise, method)

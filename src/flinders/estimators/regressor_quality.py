@@ -2,9 +2,9 @@
 
 A column may be noisy, monotone in time, or collinear with others, and its effect may be nonlinear.
 
-**Noise.** Least squares assumes that the disturbance is known exactly. White noise e of its meter reduces P by the
-fraction var e / var c, without larger residuals. The noise shows in fast changes: with h = c − (mean of w neighbours),
-and the sensitivity q = n·P of a reading to the disturbance,
+**Noise.** Least squares assumes that the disturbance c is known exactly. White noise e of its meter reduces the
+estimated offset per unit P by the fraction var e / var c, without larger residuals r. The noise shows in fast changes
+of c: with h = c − (mean of w neighbours), and the sensitivity q = n·P of a reading to the disturbance,
 
     ρ = −Σ r q h / Σ (q h)²
 
@@ -13,9 +13,9 @@ small, readings follow real changes more than the fit does. With both effects
 
     var e = ρ var h / (1 − 1/w − (1 − ρ) var h / var c)
 
-With several disturbances the normal matrix N contains V = Σ v ∂N/∂v from noise, and the estimate is N⁻¹(N − V) times
-the truth. The error is largest if disturbances are correlated, because then mostly noise distinguishes them. About the
-estimate P̂ with its covariance C, the truth has the covariance
+With several disturbances, and noise of the variance v in each, the normal matrix N contains V = Σ v ∂N/∂v from noise.
+The estimate is then N⁻¹(N − V) times the truth. The error is largest if disturbances are correlated, because then
+mostly noise distinguishes them. About the estimate P̂ with its covariance C, the truth has the covariance
 
     M C Mᵀ + (M − 1) P̂ P̂ᵀ (M − 1)ᵀ,        M = (N − V)⁻¹ N
 
@@ -40,14 +40,15 @@ pooling adjacent violators, Barlow et al. (1972).
 (1.0, 0.2)
 
 **Linearity.** The model is x = … + P c. If the field is proportional to c², such as that of a motor to its throttle, a
-straight line is correct on average, but not at both ends and in the middle. With w = c² minus its regression on c, the
-residuals r of the fit, and Q the derivative of r by κ w, minus its regression on the fit's own columns J,
+straight line is correct on average, but not at both ends and in the middle. Let w be c² minus its regression on c, and
+κ the (3,) vector of the quadratic effect κ w. Let Q be the derivative of the residuals r by κ, minus its regression on
+the other columns of the fit. Then
 
     κ = (QᵀQ)⁻¹ Qᵀr,        χ² = rᵀQ B⁻¹ Qᵀr,        B = cov Qᵀr
 
-with three degrees of freedom. B includes the correlation of residuals after removal of κ w. `curvature` is the size of
-κ w relative to that of P c, over the range of the disturbance and at its reference: a sixth for a field proportional to
-c² from 0 on.
+with three degrees of freedom. B includes the correlation of residuals after removal of κ w. `curvature` is the largest
+size of κ w relative to that of P c, over the range of the disturbance and at its reference: a sixth for a field that is
+proportional to c² from 0 on.
 
 When to use it: after a fit with a disturbance, on a bench or while turning. It gives no information for a disturbance
 with only two values, or beyond the recorded range.
@@ -87,14 +88,14 @@ MIN_CURVATURE_CHI_SQUARE: Final = 30.0
 """Smallest χ² of three degrees of freedom for a significant curvature: exceeded by chance once in a million."""
 
 MIN_COLUMN_RATIO: Final = 1e-3
-"""Smallest relative length of a column after regression from which a curvature is estimated."""
+"""Smallest length of a column after regression, relative to its length before, for an estimate of a curvature."""
 
 RANGE_QUANTILES: Final = (0.02, 0.98)
-"""Quantiles that define the range of a disturbance, so that spikes of its meter are ignored."""
+"""Quantiles of the values of a disturbance that define its range, so that spikes of the meter are ignored."""
 
 
 def curvature(values: Floats, residuals: Residuals, sensitivity: Floats, per_unit: Floats) -> float:
-    """Nonlinearity of a disturbance's effect, relative to the effect; 0 if not significant.
+    """Nonlinear part of a disturbance's effect, relative to the linear effect; 0 if not significant.
 
     Parameters
     ----------
@@ -110,8 +111,8 @@ def curvature(values: Floats, residuals: Residuals, sensitivity: Floats, per_uni
     Returns
     -------
     float
-        Largest departure from the line over the range of the disturbance and at its reference, divided by the linear
-        effect at the far end of that range.
+        Largest difference from a straight line, over the range of the disturbance and at its reference, divided by the
+        linear effect at the far end of the range.
     """
     low, high = np.quantile(values, RANGE_QUANTILES)
     made = float(np.linalg.norm(per_unit) * max(abs(low), abs(high)))
@@ -139,18 +140,18 @@ def curvature(values: Floats, residuals: Residuals, sensitivity: Floats, per_uni
 WINDOW_LENGTHS: Final = (15, 45, 135)
 """Lengths in readings of the moving averages that are subtracted to obtain fast changes.
 
-Real fast changes are followed by readings, and do not count as noise. Longer windows detect a meter that holds its
-value; the longest is much shorter than the whole course, which every fit follows.
+Readings follow real fast changes, so that these do not count as noise. Longer windows detect a meter that repeats its
+last value. The longest window is much shorter than the recording, because a fit follows slow changes in any case.
 """
 
 MIN_SLOW_SHARE: Final = 0.25
-"""Smallest assumed fraction of slow changes in a course."""
+"""Smallest assumed fraction of slow changes in the variance of a disturbance."""
 
 MIN_NOISE_SIGMAS: Final = 4.0
 """Smallest significant noise of a meter, in standard deviations."""
 
 MIN_INCREASE_SIGMAS: Final = 3.0
-"""Smallest increase of the noise by a longer window, in standard deviations, for which this window is used."""
+"""Smallest increase of the estimated noise, in standard deviations, for which a longer window is used."""
 
 MAX_NOISE_SHARE: Final = 0.75
 """Largest fraction of noise in the information on a combination of disturbances."""
@@ -159,17 +160,17 @@ UNIFORM_MEAN_SHARE: Final = 0.75
 """Ratio of the squared mean to the mean square of a value distributed uniformly between zero and a maximum."""
 
 COURSE_MEANS: Final = 100
-"""Number of means that represent the course of a disturbance."""
+"""Number of means over time that represent a disturbance in the test for monotonicity."""
 
 
 class Noise(NamedTuple):
-    """Noise of a meter."""
+    """Estimated noise of the meter of a disturbance."""
 
-    #: in the square of the disturbance's unit; negative if readings follow fast changes more than slow ones, as with a
-    #: slow meter
+    #: variance of the noise, in the square of the disturbance's unit; negative if readings follow fast changes more
+    #: than slow ones, as with a slow meter
     variance: float
     sigma: float  #: standard deviation of `variance`
-    own: float = np.inf  #: largest variance of white noise and rounding by the column itself, in the same unit
+    own: float = np.inf  #: upper limit of the variance of white noise and rounding, from the values of the column alone
 
     @property
     def is_proven(self) -> bool:
@@ -178,13 +179,13 @@ class Noise(NamedTuple):
 
     @property
     def square(self) -> float:
-        """Expected square of the variance, by the readings, or if not significant limited by the column itself."""
+        """Expected square of the variance; limited by `own` if the noise is not significant."""
         shown = self.variance**2 + self.sigma**2
         return shown if abs(self.variance) > MIN_NOISE_SIGMAS * self.sigma else min(shown, self.own**2)
 
 
 def noise_of(values: Floats, residuals: Floats, sensitivity: Floats) -> Noise:
-    """Noise of a meter, by the shortest window that shows as much of it as longer ones.
+    """Noise of a meter, by the shortest window of `WINDOW_LENGTHS` that shows as much noise as longer ones.
 
     Parameters
     ----------
@@ -208,7 +209,7 @@ def noise_of(values: Floats, residuals: Floats, sensitivity: Floats) -> Noise:
 
 
 def _max_white_noise(values: Floats) -> float:
-    """Upper limit of the variance of white noise in (N,) values, robustly from second differences.
+    """Upper limit of the variance of white noise in (N,) values, from the median of squared second differences.
 
     >>> course = np.repeat([0.0, 9.0, 4.0], 2000) + np.random.default_rng(1).normal(scale=0.5, size=6000)
     >>> round(_max_white_noise(course), 2)
@@ -219,10 +220,10 @@ def _max_white_noise(values: Floats) -> float:
 
 
 def rounding_variance(values: Floats, name: str = "") -> tuple[float, NDArray[np.intp]]:
-    """Variance of the rounding of (N,) values of a disturbance, and (N,) the index of each constant stretch.
+    """Variance of the rounding error of (N,) values, and (N,) index of the stretch of equal values of each value.
 
-    The resolution is the smallest difference of two values. A rounding error is about constant while the value is.
-    A column of two values, with a `name` in the log, has two states, which are exact.
+    The resolution is the smallest difference of two values. The rounding error is about constant in a stretch of equal
+    values. A column of the log, `name`, with only two values has two states, which are exact.
 
     >>> rounding_variance(np.array([1.0, 3.0, 3.0, 4.0, 9.0]))
     (0.08333333333333333, array([0, 1, 1, 2, 3]))
@@ -234,7 +235,7 @@ def rounding_variance(values: Floats, name: str = "") -> tuple[float, NDArray[np
 
 
 def _noise_in_window(window: int, values: Floats, residuals: Floats, sensitivity: Floats) -> Noise:
-    """Noise of a meter by the changes that are faster than a moving average over `window` readings."""
+    """Noise of a meter, from the changes that a moving average over `window` readings does not follow."""
     half = window // 2
     fast = np.zeros(len(values))
     fast[half:-half] = values[half:-half] - np.convolve(values, np.full(window, 1.0 / window), mode="valid")
@@ -249,7 +250,7 @@ def _noise_in_window(window: int, values: Floats, residuals: Floats, sensitivity
 
 
 def pool_noise(noises: Sequence[Noise]) -> list[Noise]:
-    """Common noise of meters of one kind, if it is significant and they agree; otherwise unchanged.
+    """Replace the noises of meters of one kind by their mean, if it is significant and they agree; else keep them.
 
     >>> [round(noise.variance, 2) for noise in pool_noise([Noise(0.9, 0.2), Noise(0.6, 0.2), Noise(1.1, 0.4)])]
     [0.79, 0.79, 0.79]
@@ -269,11 +270,11 @@ def pool_noise(noises: Sequence[Noise]) -> list[Noise]:
 
 
 class RegressorError(NamedTuple):
-    """Errors of the meter of one disturbance, and their effect on a solution."""
+    """Errors of the meter of one disturbance, and their effect on the normal matrix."""
 
     noise: Noise
-    rounded: float  #: variance of the rounding
-    #: (K, r): root of the normal matrix of K parameters that a unit of variance adds
+    rounded: float  #: variance of the rounding error
+    #: (K, r): root of the matrix that noise with a variance of 1 adds to the normal matrix of K parameters
     root: Floats
 
 
@@ -282,9 +283,9 @@ def widen_covariance(
 ) -> Floats:
     """(K, K) covariance of an estimate about the truth, including the errors of the meters.
 
-    Significant noise changes all parameters together, as in the module's formula, with an independent uncertainty for
-    each meter. If it is not significant, the mean of the possible noise changes them in the same direction for all
-    meters.
+    Significant noise of a meter changes all parameters together, by the formula at the head of this module, with an
+    independent uncertainty for each meter. If the noise is not significant, the mean of the possible noise is used, and
+    the errors of all meters are added with the same sign.
 
     Parameters
     ----------
@@ -322,9 +323,9 @@ def widen_covariance(
 
 
 def attenuation(values: Floats, residuals: Floats, sensitivity: Floats) -> float:
-    """Fraction by which an offset per unit is too small because of a noisy meter; 0 if not significant.
+    """Fraction by which an estimated offset per unit is too small because of a noisy meter; 0 if not significant.
 
-    Parameters are as in `noise_of`.
+    Parameters are those of `noise_of`.
     """
     noise, variance = noise_of(values, residuals, sensitivity), float(np.var(values))
     return min(noise.variance / variance, 1.0) if noise.is_proven and variance > 0.0 else 0.0
@@ -378,7 +379,7 @@ def _column_lengths(columns: Floats) -> Floats:
 
 
 def _isotonic(course: Floats) -> Floats:
-    """Isotonic regression of a course: the non-decreasing course that is nearest in least squares."""
+    """Isotonic regression: the non-decreasing values that are nearest to given values in least squares."""
     pools: list[tuple[float, int]] = []
     for value in course.tolist():
         mean, count = value, 1

@@ -4,15 +4,15 @@
 >>> time = np.arange(40) / 10.0
 >>> one = Samples.of(np.ones((40, 3)), time=time, current=10.0 * time)
 >>> logged = LoggedDisturbances.of([one], ("current",))
->>> logged.values["current"][:3], logged.lagged("current", 0.1)[:3]
+>>> logged.values["current"][:3], logged.lagged_values("current", 0.1)[:3]
 (array([0., 1., 2.]), array([0., 0., 1.]))
 >>> logged.split()
 (('current',), ())
 
-A `Track` is a column at any lag, smoothed so that its noise does not depend on the lag. A linear interpolation at a
-fraction f between two readings of a meter has (1 − f)² + f² of their variance, half of it in the middle. Without
-smoothing, a fit would therefore prefer a lag of half a reading even if there is none. The smoothing is by a Gaussian
-kernel with σ of two readings before the shift, which leaves 0.13 of the variance at any fraction:
+A `Track` gives a column at any lag, smoothed so that its noise does not depend on the lag. A linear interpolation at a
+fraction f between two readings of a meter has (1 − f)² + f² of their noise variance, half of it in the middle. Without
+smoothing, a fit would therefore prefer a lag of half a reading even if there is no lag. Values are smoothed by a
+Gaussian kernel with σ of two readings before they are shifted, which leaves 0.13 of the noise variance at any fraction:
 
     c(t) = Σ G(i(t) − j) c_j,        i(t) the index of t among the times of readings
 
@@ -51,15 +51,15 @@ KERNEL_SIGMAS: Final = 4.0
 """Half width of the kernel in standard deviations."""
 
 POINTS_PER_READING: Final = 8
-"""Points per reading of a track; linear interpolation between them changes the variance by less than 1e-3."""
+"""Count of stored points per reading of a track; interpolation between them changes the variance by less than 1e-3."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:
-    """A smoothed column."""
+    """A smoothed column of a recording, as a function of time."""
 
-    time: Floats  #: (M,), s
-    values: Floats  #: (M,)
+    time: Floats  #: (M,), s: times of the stored points
+    values: Floats  #: (M,): smoothed values at these times
 
     @classmethod
     def of(cls, time: Floats, values: Floats) -> Self:
@@ -79,7 +79,7 @@ class Track:
 
 
 MAX_REFERENCE_DISTANCE: Final = 0.25
-"""Largest distance of 0 from a column's range, relative to the range, at which 0 is its reference."""
+"""Largest distance of 0 from the range of a column's values, as a share of the range, at which 0 is the reference."""
 
 MAX_READINGS: Final = 20_000
 """Largest number of readings in a fit with disturbances, spread evenly over the recording."""
@@ -94,35 +94,37 @@ class DisturbanceEstimate:
 
     #: ``current``, ``throttle`` or ``temperature``; ``current1`` or ``throttle1`` of one motor; name of a column
     name: str
-    disturbance: Disturbance | None = None  #: None if it hardly changed, and was not estimated
-    #: heading error removed by its correction, at the far end of its recorded range and the worst attitude
+    disturbance: Disturbance | None = None  #: the disturbance; None if it hardly changed, and was not estimated
+    #: heading error that the correction removes, at the far end of the recorded range and the worst attitude
     removed_deg: float = 0.0
-    #: heading error (1 σ) by its uncertainty there, at the worst heading; if each motor has its own disturbance, with
-    #: the usual values of the other motors
+    #: heading error (1 σ) that remains from the uncertainty of the correction, at the far end of the recorded range and
+    #: the worst heading; for a disturbance of one motor, with the usual values of the other motors
     remaining_deg: float = 0.0
-    attitude_collinearity: float = 0.0  #: fraction of its information that the attitude could explain, 0 to 1
-    chi_square: float = 0.0  #: reduction of the sum of squares by it, in units of the noise variance
-    lag_sigma_s: float = np.nan  #: s: 1 σ of its lag; NaN if no lag was estimated
-    is_lag_at_limit: bool = False  #: whether the best lag is the largest one of the search
-    monotonicity: float = 0.0  #: fraction of its variance that a monotone function of time explains, 0 to 1
-    attenuation: float = 0.0  #: fraction by which its offset per unit is too small because of a noisy meter
-    #: nonlinearity of its effect, relative to the effect; 0 if not significant
+    #: fraction of the information on the disturbance that the attitude could explain, 0 to 1
+    attitude_collinearity: float = 0.0
+    chi_square: float = 0.0  #: reduction of the sum of squared residuals by the disturbance, over the noise variance
+    lag_sigma_s: float = np.nan  #: s: 1 σ of the lag; NaN if no lag was estimated
+    is_lag_at_limit: bool = False  #: whether the best lag is the largest lag of the search
+    monotonicity: float = 0.0  #: fraction of the column's variance that a monotone function of time explains, 0 to 1
+    attenuation: float = 0.0  #: fraction by which the offset per unit is too small because of a noisy meter
+    #: nonlinear part of the effect, relative to the linear effect; 0 if not significant
     curvature: float = 0.0
-    collinearity: float = 0.0  #: fraction of its variance that the other disturbances explain, 0 to 1
-    explained_share: float = np.nan  #: fraction of the scatter without it that it explains, 0 to 1
+    collinearity: float = 0.0  #: fraction of the column's variance that the other disturbances explain, 0 to 1
+    #: fraction of the residual variance of a fit without the disturbance that the disturbance explains, 0 to 1
+    explained_share: float = np.nan
     explained_share_sigma: float = np.nan  #: 1 σ of `explained_share`
-    explained: float = np.nan  #: rms of its effect on the readings, in their unit
+    explained: float = np.nan  #: rms effect of the disturbance on the readings, in their unit
     explained_sigma: float = np.nan  #: 1 σ of `explained`
-    #: ratio of the scatter of readings outside of the fit with it to that without it; NaN if not computed
+    #: ratio of the scatter of left-out readings with the disturbance to that without it; NaN if not computed
     scatter_ratio: float = np.nan
 
     @property
     def is_unused(self) -> bool:
-        """Whether the column was tested and left out, because it explains no part of the residuals."""
+        """Whether the column was left out after a test, because it explains no part of the residuals."""
         return self.disturbance is None and bool(np.isfinite(self.scatter_ratio))
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
+        """Attributes by their names, JSON-ready."""
         fields = {name: getattr(self, name) for name in self.__slots__ if name != "disturbance"}
         finite = {key: value if isinstance(value, str) or np.isfinite(value) else None for key, value in fields.items()}
         return {**finite, "found": self.disturbance is not None}  # whether the offset is corrected for it
@@ -132,7 +134,7 @@ class DisturbanceEstimate:
 class LoggedDisturbances:
     """Field and disturbances of several recordings, concatenated and thinned."""
 
-    field: Floats  #: (N, 3)
+    field: Floats  #: (N, 3): readings
     values: dict[str, Floats]  #: dict of str to (N,) float: values of each disturbance, without lag
     parts: tuple[RecordedColumns, ...]  #: all columns of each recording
 
@@ -152,21 +154,21 @@ class LoggedDisturbances:
             raise TooFewSamples(found=total, needed=MIN_READINGS, method=f"with {' and '.join(names)}")
         stride = -(-total // MAX_READINGS)
         parts = tuple(replace(part, stride=stride) for part in wholes)
-        values = {name: np.concatenate([part.lagged(name, 0.0) for part in parts]) for name in names}
+        values = {name: np.concatenate([part.lagged_values(name, 0.0) for part in parts]) for name in names}
         return cls(np.concatenate([part.field[::stride] for part in parts]), values, parts)
 
-    def lagged(self, name: str, lag_s: float) -> Floats:
-        """(N,) values of a disturbance `lag_s` earlier."""
+    def lagged_values(self, name: str, lag_s: float) -> Floats:
+        """(N,) values of a disturbance at `lag_s` before each reading."""
         if lag_s == 0.0:
             return self.values[name]
-        return np.concatenate([part.lagged(name, lag_s) for part in self.parts])
+        return np.concatenate([part.lagged_values(name, lag_s) for part in self.parts])
 
     def courses(self, name: str) -> list[Track]:
-        """Smoothed course of a disturbance in each recording with times."""
+        """Smoothed values of a disturbance as a function of time, for each recording with times."""
         return [Track.of(part.time, part.columns[name]) for part in self.parts if part.time is not None]
 
     def along(self, courses: Sequence[Track], lag_s: float) -> Floats:
-        """(N,) values of smoothed courses `lag_s` earlier."""
+        """(N,) smoothed values at `lag_s` before each reading; `courses` are the result of the method `courses`."""
         times = [part.time[:: part.stride] for part in self.parts if part.time is not None]
         return np.concatenate([course.at(time - lag_s) for course, time in zip(courses, times, strict=True)])
 
@@ -181,14 +183,14 @@ class LoggedDisturbances:
         return float(np.median(np.concatenate([np.diff(part.time) for part in self.parts if part.time is not None])))
 
     def split(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Names of the disturbances that changed, and names of those that did not."""
+        """Names of the disturbances that changed in the recording, and of those that did not."""
         moving = tuple(name for name, values in self.values.items() if _has_changed(name, values))
         return moving, tuple(name for name in self.values if name not in moving)
 
     def reference(self, name: str) -> float:
-        """Reference of a disturbance: 0 for current and throttle, the median of the temperature.
+        """Reference value of a disturbance: 0 for current and throttle, the median of the temperature.
 
-        For another column it is 0 if the recorded range is at or near 0, else the median.
+        For another column the reference is 0 if the recorded range is at or near 0, else the median.
         """
         if name == "temperature":
             return round(float(np.median(self.values[name])), 1)
@@ -202,10 +204,10 @@ class LoggedDisturbances:
         return float(np.nanmin(values)), float(np.nanmax(values))
 
     def departures(self, names: tuple[str, ...], lags: dict[str, float]) -> Floats:
-        """(N, K) values of disturbances minus their references, each earlier by its lag."""
+        """(N, K) values of K disturbances minus their references, each at its lag before the reading."""
         if not names:
             return np.zeros((len(self.field), 0))
-        rows = [self.lagged(name, lags.get(name, 0.0)) - self.reference(name) for name in names]
+        rows = [self.lagged_values(name, lags.get(name, 0.0)) - self.reference(name) for name in names]
         return np.stack(rows, axis=1)
 
 
@@ -213,10 +215,10 @@ class LoggedDisturbances:
 class RecordedColumns:
     """Field, times and disturbances of one recording."""
 
-    field: Floats  #: (M, 3)
-    time: Floats | None  #: (M,), s
+    field: Floats  #: (M, 3): readings
+    time: Floats | None  #: (M,), s: times of the readings, if recorded
     columns: dict[str, Floats]  #: dict of str to (M,) float: values of each disturbance
-    stride: int = 1  #: one of this many readings is in the fit
+    stride: int = 1  #: the fit uses every reading whose row is a multiple of this number
 
     @classmethod
     def of(cls, recording: Recording, names: tuple[str, ...]) -> Self:
@@ -234,8 +236,8 @@ class RecordedColumns:
         time = None if any(each is None for each in times) else np.concatenate([t for t in times if t is not None])
         return cls(np.concatenate([block.field for block in blocks]), time, columns)
 
-    def lagged(self, name: str, lag_s: float) -> Floats:
-        """(M / stride,) values of a disturbance `lag_s` earlier."""
+    def lagged_values(self, name: str, lag_s: float) -> Floats:
+        """(M / stride,) values of a disturbance at `lag_s` before each reading in the fit."""
         return lagged_values(self.columns[name], self.time, lag_s)[:: self.stride]
 
 

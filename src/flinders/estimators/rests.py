@@ -1,9 +1,9 @@
-"""Rests: intervals of constant direction, each of which is one reading in a fit, or none.
+"""Rests: intervals of constant direction, each of which counts as one reading in a fit, or is left out.
 
-All readings at one place have the information of one reading, because the field differs from place to place. Otherwise
-fifteen seconds on a table where the field differs by 3 % would outweigh the turn before. If the readings of turns are
-twenty times as many as the rests, the rests are left out: they would matter only in directions without other readings.
-The engine finds rests (``flinders_rests``); a fit of the engine alone also does this.
+All readings of a rest together have the information of one reading, because the field differs from place to place.
+Counted one by one, the readings of fifteen seconds on a table, where the field differs by 3 %, would outweigh the turn
+before. If there are twenty times as many readings of turns as rests, the rests are left out, because they matter only
+in directions without other readings. The engine finds rests (``flinders_rests``).
 
 >>> poses = np.random.default_rng(1).normal(size=(12, 3))
 >>> poses *= 50.0 / np.linalg.norm(poses, axis=1, keepdims=True)
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 MIDDLE_COLUMNS: Final = frozenset({"time", "attitude"})
-"""Columns that cannot be averaged: for a rest the value in its middle is used."""
+"""Columns that cannot be averaged; for a rest the value at its middle is used."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +73,7 @@ class Rests:
 
     @cached_property
     def begins(self) -> NDArray[np.bool_]:
-        """(N,) whether a reading in the fit begins at each row of the recording."""
+        """(N,) whether each row of the recording is the first row of a reading in the fit."""
         begins = np.ones(self.rows, dtype=bool)
         for begin, end in self.bounds.tolist():
             begins[begin if self.are_left_out else begin + 1 : end] = False
@@ -100,7 +100,7 @@ class Rests:
         )
 
     def average(self, samples: Samples) -> Samples:
-        """Readings of the recording for a fit."""
+        """Samples for a fit, in which each rest is one reading or none."""
         if self.are_left_out:
             return samples[self.begins]
         there = {name: values for name in COLUMNS if (values := getattr(samples, name)) is not None}

@@ -18,15 +18,16 @@ if TYPE_CHECKING:
 class Robust:
     """General ellipsoid of the majority of the readings; outliers are rejected.
 
-    Starts from the least median of squares over many subsets of twelve readings each. Readings that are farther
-    from the surface than four standard deviations are rejected, and the cost of `Likelihood` is minimised over the
-    others, until the rejected readings no longer change. σ is estimated from the median distance in a sample with few
-    readings of each place, so that a rest of the sensor does not determine it. If rejected runs outweigh the other
-    readings, other random subsets are fitted too, and the covariance includes the differences of their results.
+    Ellipsoids through many random subsets of twelve readings are compared; the one with the least median of squared
+    distances is the start. Readings that are farther from the surface than four standard deviations σ are rejected,
+    and the cost of `Likelihood` is minimised over the others, until the rejected readings no longer change. σ is
+    estimated from the median distance in a sample with few readings of each direction, so that a rest of the sensor
+    does not determine it. If rejected runs outweigh the other readings, other random subsets are fitted, too, and the
+    covariance includes the differences of their results.
 
     Use it if something magnetic passed, a cable moved or a bus dropped bits; `auto` uses it if residuals show
-    outliers. Up to about a quarter of outliers have a negligible effect; of clean readings, one in sixteen
-    thousand is rejected.
+    outliers. Outliers have a negligible effect if they are less than about a quarter of the readings. Of clean
+    readings, one in sixteen thousand is rejected.
 
     Parameters
     ----------
@@ -53,7 +54,8 @@ class Robust:
     prior: float | None = prior.SOFT_IRON_SPREAD
 
     name: ClassVar[str] = "robust"
-    unknowns: ClassVar[int] = 35  # with 25, twelve that agree by chance are the majority: 10 % have errors of 9 claims
+    # smallest number of readings: of 25 readings, twelve can agree by chance, and 10 % of fits err by 9 times the claim
+    unknowns: ClassVar[int] = 35
     is_biased: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
@@ -63,9 +65,9 @@ class Robust:
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid.
 
-        Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `Readings.require`; `NotAnEllipsoid` if no
-        small subset gives an ellipsoid, or there are fewer inliers than unknowns; `Undetermined` if the inliers do not
-        determine all parameters, and there is no prior; `NeedsSamples` if only sums were given.
+        Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `Readings.require`. Raises `NotAnEllipsoid`
+        if no small subset gives an ellipsoid, or there are fewer inliers than unknowns. Raises `Undetermined` if the
+        inliers do not determine all parameters, and there is no prior. Raises `NeedsSamples` if only sums were given.
         """
         readings.require(self.unknowns, self.name)
         fitted = readings.for_fit()

@@ -4,12 +4,13 @@ The readings are a linear function of the disturbances,
 
     x = x₀ + Σ P (c(t − lag) − reference) + noise
 
-estimated by least squares for each axis. It gives no offset or matrix; the disturbances are added `onto` a calibration
-that was made without the motor.
+estimated by least squares for each axis. A bench gives no offset or matrix; `StillSensor.add_to` adds the disturbances
+to a calibration that was made without the motor.
 
-When to use it: if the sensor is still, and the disturbance goes up **and down** several times. Not if it is switched on
-once: a motion of the sensor at the same time would have the same effect, and `findings` warns of it. A sensor that
-moves *with* the disturbance, such as when the motor lifts it, leaves no residuals; an accelerometer shows the tilt.
+When to use it: if the sensor is still, and the disturbance goes up **and down** several times. Do not use it if the
+disturbance is switched on once: a motion of the sensor at the same time would have the same effect, and a finding warns
+of it. If the sensor moves *with* the disturbance, such as when the motor lifts it, residuals do not show the motion,
+but an accelerometer shows the tilt.
 
 Source: CompassMot of ArduPilot, by regression instead of its filter.
 
@@ -64,7 +65,7 @@ if TYPE_CHECKING:
     from flinders.estimators.time_delay import Lag
 
 MAX_STILL_RESIDUAL: Final = 0.03
-"""Largest residual of a still sensor without its disturbances, relative to the length of the mean reading."""
+"""Largest residual of a still sensor after compensation, relative to the length of the mean reading."""
 
 MIN_EXPLAINED_SHARE: Final = 0.9
 """Smallest fraction of the variance that disturbances explain for a still sensor."""
@@ -73,35 +74,36 @@ MIN_TILT_SIGMAS: Final = 4.0
 """Smallest significant tilt of the vertical, in standard deviations."""
 
 MIN_STEP_SHARE: Final = 0.25
-"""Smallest fraction of the residual variance that is explained by a step of the sensor."""
+"""Smallest fraction of the residual variance that a step explains if the sensor was moved once."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StillSensor:
     """Disturbances of a sensor that is not turned."""
 
-    #: without a gain, because scale and offset cannot be distinguished for a sensor that is not turned
+    #: disturbances without growth of the scale, which cannot be distinguished from the offset without turning
     disturbances: tuple[Disturbance, ...]
-    covariance: Floats  #: (K, K): of (P₁, P₂, …)
+    covariance: Floats  #: (K, K): covariance of (P₁, P₂, …), three rows for each disturbance
     noise: float  #: standard deviation of the residuals of an axis, in the unit of the readings
-    moved: float  #: standard deviation of the effect of all disturbances, over all axes, in the unit of the readings
-    constant: tuple[str, ...] = ()  #: disturbances that hardly changed
+    #: standard deviation over time of the effect of all disturbances, all axes together, in the unit of the readings
+    moved: float
+    constant: tuple[str, ...] = ()  #: disturbances that hardly changed, and were not estimated
     #: statistics of each disturbance
     estimates: tuple[DisturbanceEstimate, ...] = field(default=())
-    #: largest step in the residuals, in the unit of the readings, if it explains a quarter of their variance; else 0
+    #: size of a step in the residuals, in the unit of the readings, if it explains a quarter of their variance; else 0
     step: float = 0.0
     #: tilt of the vertical over the range of a disturbance, by an accelerometer; 0 without one, or if not significant
     tilted_deg: float = 0.0
 
     def with_states(self, states: Mapping[str, tuple[str, ...]]) -> StillSensor:
-        """A copy with the words of columns of states, by the name of the column."""
+        """A copy in which columns of states have their two words, given by the name of the column."""
         disturbances = tuple(one.with_states(states.get(one.name, ())) for one in self.disturbances)
         estimates = zip(self.estimates, disturbances, strict=True)
         worded = tuple(replace(estimate, disturbance=one) for estimate, one in estimates)
         return replace(self, disturbances=disturbances, estimates=worded)
 
     def add_to(self, calibration: Calibration) -> Calibration:
-        """Add these disturbances to a calibration of the same sensor, which keeps its other disturbances."""
+        """Add these disturbances to a calibration of the same sensor; its other disturbances stay."""
         names = {disturbance.name for disturbance in self.disturbances}
         proven_lags = tuple(disturbance for disturbance in calibration.disturbances if disturbance.name not in names)
         return replace(calibration, disturbances=(*proven_lags, *self.disturbances))
@@ -153,7 +155,7 @@ def fit_still(recordings: Sequence[Recording], names: Sequence[str]) -> StillSen
 
 
 def still_message(still: StillSensor, unit: str) -> str:
-    """Message that the sensor was not turned, with its consequences."""
+    """Message that the sensor was not turned, and what follows for the calibration."""
     names = " and ".join(disturbance.name for disturbance in still.disturbances)
     return (
         f"the sensor was not turned in this recording: {names} changed its readings by "
@@ -163,7 +165,7 @@ def still_message(still: StillSensor, unit: str) -> str:
 
 
 def _is_still(readings: Floats, noise: float) -> bool:
-    """Whether a sensor was still: residuals are noise, and disturbances explain any scatter of the readings."""
+    """Whether a sensor was still: the disturbances explain the readings except for noise."""
     length = float(np.linalg.norm(readings.mean(axis=0)))
     scatter = float(np.sqrt(np.mean(np.var(readings, axis=0))))
     if noise > MAX_STILL_RESIDUAL * length:
@@ -172,7 +174,7 @@ def _is_still(readings: Floats, noise: float) -> bool:
 
 
 def _smoothed_residual(logged: LoggedDisturbances, names: tuple[str, ...]) -> float:
-    """Residual of an axis, 1 σ, with smoothed columns, which removes the noise of meters; infinite without times."""
+    """1 σ of the residuals of an axis with smoothed columns, without noise of meters; infinite without times."""
     if not (names and logged.is_timed):
         return np.inf
     left, _, design = _regress(logged.field, ShiftedDepartures(logged, names, (), {})(0.0))
@@ -187,7 +189,7 @@ def _regress(readings: Floats, departures: Floats) -> tuple[Floats, Floats, Floa
 
 
 def _prior_precision(readings: Floats, departures: Floats) -> Floats:
-    """(K + 1, K + 1) precision of the prior of the slopes: effects of disturbances are no larger than the readings."""
+    """(K + 1, K + 1) precision of the prior: effects of disturbances are no larger than the readings."""
     length = max(float(np.linalg.norm(readings.mean(axis=0))), np.finfo(float).tiny)
     return np.diag(np.append((np.abs(departures).max(axis=0, initial=0.0) / (EFFECT_SIGMA * length)) ** 2, 0.0))
 
@@ -195,8 +197,8 @@ def _prior_precision(readings: Floats, departures: Floats) -> Floats:
 def _covariance(left: Floats, design: Floats, believed: Floats | None = None) -> Floats:
     """(3 K, 3 K) covariance of the slopes, grouped by disturbance, with correlated residuals.
 
-    `believed` is the (K + 1, K + 1) precision of the prior, times the variance of the noise. It determines the single
-    slopes of collinear disturbances.
+    `believed` is the (K + 1, K + 1) precision of the prior, times the variance of the noise. The prior determines the
+    separate slopes of collinear disturbances.
     """
     count = design.shape[1] - 1
     before = np.zeros((count + 1, count + 1)) if believed is None else believed
@@ -245,13 +247,13 @@ def _best_lags(logged: LoggedDisturbances, names: tuple[str, ...]) -> dict[str, 
     lags: dict[str, Lag] = {}
     for late in lag_groups(names) if logged.is_timed else ():
         cost = _LineCost(logged, ShiftedDepartures(logged, names, late, significant_lags(lags)))
-        lag = cost.scattered(search_lag(late[0], cost, lag_grid(logged.step_s)))
+        lag = cost.with_residual_sigma(search_lag(late[0], cost, lag_grid(logged.step_s)))
         lags |= {name: replace(lag, name=name) for name in late}
     return lags
 
 
 class _LineCost:
-    """χ² of a linear regression as a function of the lag, in units of the variance at the best lag."""
+    """χ² of a linear regression as a function of the lag; the unit is the residual variance at the best lag."""
 
     def __init__(self, logged: LoggedDisturbances, shifted: ShiftedDepartures) -> None:
         self._field, self._shifted = logged.field, shifted
@@ -262,8 +264,8 @@ class _LineCost:
         """χ² at a lag in s."""
         return float(np.sum(self._residuals_at(lag_s) ** 2)) / self._variance
 
-    def scattered(self, lag: Lag) -> Lag:
-        """The lag with its standard deviation by the residuals."""
+    def with_residual_sigma(self, lag: Lag) -> Lag:
+        """The lag with a standard deviation from the correlated residuals."""
         left, slopes, design = _regress(self._field, self._shifted(lag.seconds))
         moved = self._shifted.slope(lag.seconds) @ slopes
         moved -= design @ np.linalg.lstsq(design, moved, rcond=None)[0]
@@ -293,7 +295,7 @@ def _statistics(
 
 
 def _curvature(disturbance: Disturbance, departures: Floats, left: Floats, design: Floats) -> float:
-    """Nonlinearity of a disturbance's effect on all axes, relative to the effect."""
+    """Nonlinear part of a disturbance's effect on all axes, relative to the linear effect."""
     count = len(left)
     rows = [np.arange(axis * count, (axis + 1) * count) for axis in range(3)]
     residuals = Residuals(left.T.ravel(), np.kron(np.eye(3), design), rows)
@@ -342,7 +344,7 @@ def _tilted_deg(acceleration: Floats | None, departures: Floats) -> float:
 
 
 def _largest_step(left: Floats) -> float:
-    """Size of the step that explains most of the residuals; 0 if below `MIN_STEP_SHARE` of their variance."""
+    """Size of the step that explains most of the residual variance; 0 if less than `MIN_STEP_SHARE` of it."""
     count = len(left)
     before = np.arange(1, count)[:, np.newaxis]
     sums = np.cumsum(left, axis=0)[:-1]

@@ -34,17 +34,17 @@ if TYPE_CHECKING:
 WINDOW_READINGS: Final = 10
 """Length of a window in readings, and smallest number of readings of a pose."""
 MAX_STEP_RATIO: Final = 4.0
-"""Largest ratio of a still window's variance to that by differences of consecutive readings."""
+"""Largest ratio of a still window's variance to the variance from differences of consecutive readings."""
 MIN_SCATTER: Final = 0.003
-"""Scatter relative to gravity below which a window is still regardless of its differences."""
+"""Scatter relative to gravity below which a window is still regardless of `MAX_STEP_RATIO`."""
 MAX_SCATTER: Final = 0.03
-"""Scatter relative to gravity above which a window is in motion regardless of its differences."""
+"""Scatter relative to gravity above which a window is in motion regardless of `MAX_STEP_RATIO`."""
 MAX_SCATTER_RATIO: Final = 2.0
 """Largest ratio of a still window's scatter to the lower quartile of all still windows."""
 MAX_MEAN_DISTANCE: Final = 0.01
-"""Largest distance, relative to gravity, of a window's mean from its pose, in addition to `MEAN_DISTANCE_SIGMAS`."""
+"""Largest distance of a window's mean from its pose, relative to gravity, before noise is added."""
 MEAN_DISTANCE_SIGMAS: Final = 5.0
-"""Standard deviations of a window's mean that are allowed in its distance from its pose."""
+"""Standard deviations of a window's mean that are added to `MAX_MEAN_DISTANCE` for noise."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,9 +83,9 @@ class StillPoses:
         return cls(bounds, mean, noise)
 
     def drift_of(self, values: Floats) -> tuple[Floats, Floats] | None:
-        """(3,) mean of another (N, 3) column over all poses, and its 1 σ by the differences of poses, or None.
+        """(3,) mean of another (N, 3) column over all poses, and its 1 σ; None for fewer than three poses.
 
-        For example, the offset of a gyro is its reading at rest. None for fewer than three poses.
+        The 1 σ comes from the differences between poses. For example, the mean rate is the offset of a gyro.
         """
         means = np.array([np.nanmean(values[begin:end], axis=0) for begin, end in self.bounds])
         means = means[np.isfinite(means).all(axis=1)]
@@ -130,7 +130,10 @@ def _find_spans(acceleration: Floats) -> Iterator[tuple[int, int]]:
 
 
 def _window_statistics(cut: Floats) -> tuple[Floats, Floats, Floats]:
-    """(W, 3) means, (W,) variances and (W,) half mean squared differences of a component, of (W, n, 3) readings."""
+    """Statistics of W windows of (W, n, 3) readings: (W, 3) means and two (W,) variances of a component.
+
+    The second variance is half the mean squared difference of consecutive readings.
+    """
     mean = cut.mean(axis=1)
     variance = np.sum((cut - mean[:, np.newaxis]) ** 2, axis=(1, 2)) / (3.0 * (WINDOW_READINGS - 1))
     of_steps = np.sum(np.diff(cut, axis=1) ** 2, axis=(1, 2)) / (6.0 * (WINDOW_READINGS - 1))

@@ -1,18 +1,19 @@
-"""Lag of readings behind a disturbance: a profile over a grid of lags, and a parabola about the best.
+"""Lag of readings behind a disturbance: χ² on a grid of lags, and a parabola about the best lag.
 
-With a fixed surface, and all parameters free to first order, a lag has
+With a fixed surface, and all parameters free to first order, χ² at a lag is
 
-    χ²(lag) = min Σ (s + J_P P − J θ(lag))² / σ²
+    χ²(lag) = min over θ of Σ (s + J_P P − J(lag) θ)² / σ²
 
-with columns smoothed as in `flinders.estimators.regressors`, because interpolation between two values of a meter would
-reduce its noise and favour such lags. With d = ∂s/∂lag after regression on the parameters, and C the covariance of the
-residuals, the best lag has
+with the distances s, the effect J_P P of the disturbances in them, and the columns J of all parameters. Columns are
+smoothed as in `flinders.estimators.regressors`, because interpolation between two values of a meter would reduce its
+noise and favour such lags. With d = ∂s/∂lag after regression on the parameters, and C the covariance of the residuals
+r, the best lag has the variance
 
     var lag = H⁻¹ dᵀC d H⁻¹,        H = ½ ∂²Σ r²/∂lag²
 
-H does not depend on the noise of the meter, which is the same at each lag, but d does. A lag is used only if it reduces
-χ² significantly, by three standard deviations, and if the fit with unsmoothed columns is better with it, too. The
-second condition excludes lags from a few large steps that are blurred by smoothing.
+The noise of the meter is the same at each lag, so that H does not depend on it, but d does. A lag is used only if it
+reduces χ² significantly, by three standard deviations, and if it also improves the fit with unsmoothed columns. The
+second condition excludes lags that come from the smoothing of a few large steps.
 
 When to use it: for motors, whose meter is filtered or has another clock. Not for a temperature, which acts within
 minutes. Motors with one column each are logged by one meter, and have a common lag.
@@ -48,10 +49,10 @@ MAX_LAG_S: Final = 1.0
 """Largest lag of the search in s, of either sign."""
 
 GRID_STEPS: Final = 20
-"""Steps of the search on each side."""
+"""Count of steps of the search for positive and for negative lags."""
 
 MIN_CHI_SQUARE: Final = 9.0
-"""Smallest reduction of χ² by a significant lag: three standard deviations."""
+"""Smallest reduction of χ² by a significant lag, which is three standard deviations."""
 
 DERIVATIVE_STEP_S: Final = 1e-3
 """Step of the lag in s for numerical derivatives."""
@@ -65,10 +66,10 @@ class Lag:
     """Best lag of one disturbance."""
 
     name: str  #: name of the disturbance
-    seconds: float  #: delay of the readings; negative if they are earlier
-    sigma_s: float  #: standard deviation of `seconds`
-    saved: float  #: reduction of χ² compared with no lag, by the scatter of the lag once it is known
-    #: whether the best lag is the largest one of the search: the true one is larger, or the column is another quantity
+    seconds: float  #: s: delay of the readings behind the disturbance; negative if the readings are earlier
+    sigma_s: float  #: s: standard deviation of `seconds`
+    saved: float  #: reduction of χ² compared with no lag
+    #: whether the best lag is the largest of the search: the true lag is larger, or the column is another quantity
     is_beyond: bool = False
 
     @property
@@ -78,7 +79,7 @@ class Lag:
 
     @property
     def used_sigma_s(self) -> float:
-        """Standard deviation of the lag in use, which is 0 for a lag that is not significant, including that error."""
+        """Standard deviation of the lag that is used: the significant lag, else 0 s with the whole error of that."""
         return self.sigma_s if self.is_proven else float(np.hypot(self.sigma_s, self.seconds))
 
 
@@ -123,14 +124,14 @@ def search_lag(name: str, cost: Callable[[float], float], grid: Floats) -> Lag:
 def estimate_lags(
     logged: LoggedDisturbances, names: tuple[str, ...], spread: float
 ) -> tuple[dict[str, Lag], DisturbanceSolution | None]:
-    """Best lag of each motor, and the last solution during the search; empty without times."""
+    """Best lag of each motor by its name, and the last solution of the search; no lags without times."""
     lags: dict[str, Lag] = {}
     solved: DisturbanceSolution | None = None
     for late in lag_groups(names) if logged.is_timed else ():
         for _ in range(2):  # the second time with the noise at the first lag
             solved = solve_disturbances(DisturbanceProblem(logged, names, spread, significant_lags(lags)), solved)
             cost = _Cost(logged, names, late, significant_lags(lags), solved)
-            lag = cost.judged(search_lag(late[0], cost, lag_grid(logged.step_s)))
+            lag = cost.assess(search_lag(late[0], cost, lag_grid(logged.step_s)))
             lags |= {name: replace(lag, name=name) for name in late}
             if not lag.is_proven:
                 break
@@ -163,9 +164,10 @@ def solution_residuals(solved: DisturbanceSolution) -> Residuals:
 
 
 class ShiftedDepartures:
-    """Smoothed departures of disturbances from their references, with a variable lag of one group.
+    """Smoothed values of disturbances minus their references, with a variable lag of one group of disturbances.
 
-    All disturbances are smoothed: otherwise the fast changes of one could replace those missing in another.
+    All disturbances are smoothed. Otherwise the fast changes of one could replace those that smoothing removes from
+    another.
     """
 
     def __init__(
@@ -183,7 +185,7 @@ class ShiftedDepartures:
             departures[:, self._names.index(name)] = self._departures_of(name, courses, lag_s)
         return departures
 
-    def unsmoothed(self, lag_s: float) -> Floats:
+    def unsmoothed_departures(self, lag_s: float) -> Floats:
         """(N, K) departures at a lag in s, of columns without smoothing."""
         return self._logged.departures(self._names, self._lags | dict.fromkeys(self._courses, lag_s))
 
@@ -199,18 +201,18 @@ class ShiftedDepartures:
 
 
 def with_sigma(lag: Lag, distances: Floats, moved: Floats, variance: float) -> Lag:
-    """The lag with its standard deviation by correlated residuals, and `saved` in units of this deviation.
+    """The lag with a standard deviation from correlated residuals, and `Lag.saved` scaled accordingly.
 
     Parameters
     ----------
     lag : Lag
-        Lag with its standard deviation by the curvature of χ² alone.
+        Lag with a standard deviation from the curvature of χ² alone.
     distances : (A, N) float
         Residuals at this lag, for each axis in the order of recording.
     moved : (A, N) float
         Derivative of the residuals by the lag, after regression on all other parameters.
     variance : float
-        Variance of the residuals in χ².
+        Variance of the residuals by which χ² is scaled.
     """
     pulls = distances * moved
     rows = list(np.arange(pulls.size).reshape(pulls.shape))
@@ -225,7 +227,7 @@ def with_sigma(lag: Lag, distances: Floats, moved: Floats, variance: float) -> L
 class _Cost:
     """χ² as a function of the lag of a group of disturbances, with all parameters free to first order.
 
-    It is a linear regression of s + J_P P, the distances without correction for disturbances, on the shifted columns.
+    The distances without compensation, s + J_P P, are regressed on the shifted columns.
     """
 
     def __init__(
@@ -247,10 +249,13 @@ class _Cost:
         """χ² at a lag in s."""
         return self._chi_square(self._shifted(lag_s))
 
-    def judged(self, lag: Lag) -> Lag:
-        """The lag with its standard deviation by the residuals; `saved` is limited to that of unsmoothed columns."""
-        saved = self._chi_square(self._shifted.unsmoothed(0.0)) - self._chi_square(
-            self._shifted.unsmoothed(lag.seconds)
+    def assess(self, lag: Lag) -> Lag:
+        """The lag with a standard deviation from the residuals.
+
+        `Lag.saved` is at most the reduction of χ² with unsmoothed columns.
+        """
+        saved = self._chi_square(self._shifted.unsmoothed_departures(0.0)) - self._chi_square(
+            self._shifted.unsmoothed_departures(lag.seconds)
         )
         delay = self._with_sigma(lag)
         return replace(delay, saved=min(delay.saved, saved))
@@ -262,7 +267,7 @@ class _Cost:
         return float(self._target @ self._target - taken) / self._variance
 
     def _with_sigma(self, lag: Lag) -> Lag:
-        """The lag with its standard deviation by the residuals."""
+        """The lag with a standard deviation from the residuals."""
         design = self._design(self._shifted(lag.seconds))
         gradient, square = self._equations(design)
         inverse = np.linalg.pinv(square, rcond=1e-12, hermitian=True)

@@ -1,4 +1,4 @@
-"""Convergence of an estimate with the number of readings, for sequential methods."""
+"""Convergence of the estimate of a sequential method with the number of readings."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class Convergence:
 
 
 def spread_counts(readings: int, steps: int) -> list[int]:
-    """About `steps` numbers of readings up to all, closer at the beginning, where estimates change most.
+    """About `steps` increasing numbers of readings, denser at the beginning, where estimates change most.
 
     >>> spread_counts(1000, 5)
     [40, 160, 360, 640, 1000]

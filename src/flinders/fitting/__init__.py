@@ -1,1 +1,1 @@
-"""The use case: `calibrate.fit` takes readings to a `Fit`, a calibration with its uncertainty and its verdict."""
+"""Fit of readings: `calibrate.fit` makes a `Fit`, which is a calibration with its uncertainty and verdict."""

@@ -23,14 +23,14 @@ if TYPE_CHECKING:
     from flinders.summary.coverage import Coverage
 
 MIN_SAVED_SHARE: Final = 0.05
-"""Smallest share of the error that 1 % more readings at one attitude must remove for advice to name that attitude."""
+"""Smallest share of the error that 1 % more readings at an attitude must remove for advice to name this attitude."""
 
 Step = tuple[str] | tuple[str, float]
-"""A name of `flinders.findings.words.STEPS`, followed by the number of a pose if the step has one."""
+"""Advised step: a name of `flinders.findings.words.STEPS`, and for some steps the number of a pose."""
 
 
 def tilted_errors(fit: Fit, limit_deg: float) -> list[tuple[float, float]]:
-    """Smallest and largest listed tilt above `limit_deg`, in degrees, each with the worst heading error there."""
+    """Smallest and largest tilt of `TILTS_DEG` above `limit_deg`, each with the worst heading error, in degrees."""
     beyond = [tilt for tilt in (*TILTS_DEG, UPSIDE_DOWN) if tilt > limit_deg]
     return [(tilt, fit.claim.tilted_error(tilt).worst) for tilt in dict.fromkeys((*beyond[:1], *beyond[-1:]))]
 
@@ -49,12 +49,12 @@ def next_step(fit: Fit) -> Step:
 
 
 def is_covered(fit: Fit) -> bool:
-    """Whether no direction is far from the nearest reading."""
+    """Whether readings cover the sphere: each direction is near a reading."""
     return fit.evidence.coverage.hole_deg <= limit_of("coverage")
 
 
 def next_movement(fit: Fit) -> Step:
-    """Next turn: to the attitude where readings help most, or through all directions if none stands out."""
+    """Next turn: to the attitude where readings help most; through all directions if none helps by far the most."""
     if fit.claim.plane:
         return ("turn-level",)
     advice = next_guidance(fit)
@@ -74,7 +74,7 @@ def movement(fit: Fit) -> str:
 
 
 def next_guidance(fit: Fit) -> Guidance:
-    """Guidance for the level heading until its error meets the target, then for all attitudes."""
+    """Guidance for level headings, or for all attitudes once the level heading error meets the target."""
     return guidance_for(fit, "heading" if fit.heading_error_deg.worst > fit.claim.target_deg else "attitude")
 
 
@@ -93,7 +93,7 @@ def guidance_for(fit: Fit, goal: Goal) -> Guidance:
 
 
 def unseen_side(coverage: Coverage) -> str:
-    """Name the side or corner of the sensor that lies in the middle of the largest gap.
+    """Name the side or corner of the sensor in the middle of the largest gap between recorded directions.
 
     >>> from flinders.summary.coverage import Coverage
     >>> unseen_side(Coverage.of(np.array([[0.0, 0.0, 1.0], [0.0, 0.1, 0.99]])))

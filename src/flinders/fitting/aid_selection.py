@@ -1,14 +1,14 @@
 """Selection of aiding sensors: their units and axes must be right, and they must improve the calibration.
 
 `fit_with_aids` checks the recording first: the unit of the gyro, the axes of gyro and accelerometer, the source of an
-attitude's yaw. A sensor that contradicts the magnetometer is left out and named. So is a sensor with which the fit
-claims more heading error than with the sensors before it. `flinders.fit` compares the result with the unaided fit.
+attitude's yaw. A sensor that contradicts the magnetometer is left out, and a finding names it. A sensor with which the
+fit claims more heading error than without it is left out, too. `flinders.fit` compares the result with the unaided fit.
 
-With ``auto`` each sensor is also cross-validated over blocks of the recording that are left out in turn: the ellipsoid
-with the sensor must fit the left-out readings as well as the ellipsoid without, and claim less heading error. A
-vertical sensor that fails this test may still determine the rotation of the magnetometer against the body. The fit
-takes over that rotation alone if the sensor was requested by name, or if the angle between field and vertical then
-scatters less; the ellipsoid stays that of the magnetometer alone.
+With ``auto`` each sensor is also cross-validated over blocks of the recording that are left out in turn. The ellipsoid
+with the sensor must fit the left-out readings as well as the ellipsoid without it, and claim less heading error. A
+sensor that shows the vertical may fail this test and still determine the rotation of the magnetometer against the body.
+The fit then uses this rotation alone, if the sensor was requested by name, or if the rotation reduces the scatter of
+the angle between field and vertical. The ellipsoid stays that of the magnetometer alone.
 
 In coordinated turns the specific force of an aircraft stays along its z axis, so that the accelerometer's vertical
 leans with the aircraft: the gyro is used, the accelerometer is not.
@@ -80,19 +80,19 @@ if TYPE_CHECKING:
     from flinders.likelihood.site_field import Site
 
 MAX_MISFIT_RATIO: Final = 1.02
-"""Largest ratio of the residuals of left-out readings, with a sensor over without it."""
+"""Largest ratio of the residuals of left-out readings with a sensor to those without it."""
 
 MAX_AUTO_CLAIM_RATIO: Final = 0.95
-"""Largest ratio of the claimed heading error, with a sensor over without it, at which the sensor is worth using."""
+"""Largest ratio of the claimed heading error with a sensor to that without it, at which the sensor is used."""
 
 MIN_ROTATION_CHI2: Final = 16.3
-"""χ² with three degrees of freedom at a probability of 0.1 %: a rotation of at least this significance is proven."""
+"""Smallest χ² of a significant rotation, which chance exceeds with 0.1 %, for three degrees of freedom."""
 
 MIRRORED_AXIS: Final = "mirrored-axis"
-"""Code of the finding that replaces "swapped-axes": a mirrored axis makes axes seem exchanged."""
+"""Code of the finding on a mirrored axis, which replaces "swapped-axes", because such an axis looks like a swap."""
 
 MAX_MOUNTING_DEG: Final = 20.0
-"""Largest plausible rotation between instruments on one body; a sensor that shows more does not show the vertical."""
+"""Largest plausible rotation between instruments on one body; a sensor with a larger one shows no vertical."""
 
 
 def fit_with_aids(
@@ -108,7 +108,7 @@ def fit_with_aids(
     start: Ellipsoid | None = None,
     shape: KnownShape | None = None,
 ) -> tuple[AidedFit, Aiding]:
-    """Fit with the aiding sensors that can be trusted and, with ``auto``, that improve the calibration.
+    """Fit with the aiding sensors that contradict nothing and, for ``auto``, improve the calibration.
 
     Raises `UsageError` for a sensor that is unknown or was not recorded; `FitError` if the readings give no ellipsoid.
 
@@ -129,7 +129,7 @@ def fit_with_aids(
     start : Ellipsoid, optional
         Initial value of the solver; by default the ellipsoid of the magnetometer alone.
     shape : KnownShape, optional
-        Shape of an earlier calibration with its uncertainty, in place of `spread`.
+        Shape of an earlier calibration with its uncertainty, as the prior in place of `spread`.
     """
     is_auto = aiding == AUTO
     wanted = available(samples) if is_auto else ((aiding,) if isinstance(aiding, str) else tuple(aiding))
@@ -160,7 +160,10 @@ def fit_with_aids(
 
 
 def _with_mistake(reported: Aiding, mistake: Mistake, of_gaps: Sequence[Mistake]) -> Aiding:
-    """Aiding of a fit without the site, and the reason; a mirrored axis replaces the finding of swapped axes."""
+    """Aiding of a fit without the site, with the mistake for which the site was left out.
+
+    A finding on a mirrored axis replaces that on swapped axes.
+    """
     others = [one for one in reported.mistakes if mistake.code != MIRRORED_AXIS or one.code != "swapped-axes"]
     return replace(reported, mistakes=(*of_gaps, *others, mistake))
 
@@ -175,10 +178,10 @@ class _Selection:
     site: Site | None
     dip_deg: float
     is_auto: bool
-    standing: _Candidate  # the fit with the sensors accepted so far
+    standing: _Candidate  # fit with the sensors accepted so far
     mistakes: list[Mistake]
     used: tuple[str, ...] = ()
-    turned: AidedFit | None = None  # the fit whose rotation alone is taken over
+    turned: AidedFit | None = None  # fit of which only the rotation is used
     reports: list[AidingSensor] = field(default_factory=list)
     was_elsewhere: bool = False
 
@@ -193,7 +196,7 @@ class _Selection:
         return self.was_elsewhere or is_at_another_site(self.best, self.site)
 
     def try_sensor(self, name: str) -> None:
-        """Accept a sensor that can be trusted and, with ``auto``, improves the fit; else report why it is left out."""
+        """Accept a sensor if it contradicts nothing and, for ``auto``, improves the fit; else report the reason."""
         if (mistake := self._mistake_of(name)) is not None:
             self.reports.append(AidingSensor(name, is_used=False, reason=mistake.words, code=mistake.code))
             return
@@ -224,7 +227,7 @@ class _Selection:
         self.standing, self.used = trial.candidate, tried
 
     def _mistake_of(self, name: str) -> Mistake | None:
-        """Reason found in the recording alone why a sensor cannot be used; None if it has to be tried."""
+        """Mistake of a sensor that the recording shows without a fit; None if there is none."""
         drops = next((mistake for mistake in reversed(self.mistakes) if mistake.aid == name and mistake.drops), None)
         if drops is None and name == "attitude":
             drops = compass_yaw_mistake(self.samples, self.best, self.dip_deg)
@@ -235,13 +238,16 @@ class _Selection:
         return drops
 
     def _body_fit(self) -> AidedFit:
-        """The fit with the accepted sensors, in body axes as far as they are known."""
+        """The fit with the accepted sensors, rotated into body axes if the rotation is known."""
         if self.rotation is None or self.best.has_rotation:
             return self.best
         return replace(self.best, parameters=replace(self.best.parameters, rotation=self.rotation))
 
     def _take_rotation(self, trial: _AidTrial, report: AidingSensor, against: str) -> AidingSensor | None:
-        """Take over the rotation alone, of the first vertical sensor that proves it or was requested and shows it."""
+        """Use the rotation alone of a sensor that shows the vertical; None if its rotation is not used.
+
+        The rotation is used of the first such sensor that proves it, or that was requested and shows it.
+        """
         is_asked = not self.is_auto and trial.sees_mounting
         words = f"{against}; {ROTATION_ALONE}" if is_asked else trial.rotation_words(report)
         if self.turned is not None or not words:
@@ -251,14 +257,14 @@ class _Selection:
         return replace(report, heading_change_deg=changed, after_deg=report.before_deg, reason=words)
 
     def _report_replaced(self, replaced: Sequence[str], name: str) -> None:
-        """Report for vertical sensors used before that another one replaces them."""
+        """Report for vertical sensors that were accepted before that the sensor `name` replaces them."""
         instead = f"{name} shows the vertical as well" + (", and better" if self.is_auto else ": name one of them")
         self.reports = [
             replace(each, is_used=False, reason=instead) if each.name in replaced else each for each in self.reports
         ]
 
     def aiding(self) -> Aiding:
-        """Result of the aiding sensors; of a sensor that gave the rotation alone, only the rotation."""
+        """Results of the aiding sensors; a sensor of which only the rotation is used contributes only that."""
         best, mistakes = self.best, self.mistakes
         if "rate" in self.used and self.samples.rate is not None:
             mistakes = [*mistakes, *one_axis_mistakes(self.samples.rate - best.parameters.gyro_bias)]
@@ -269,14 +275,14 @@ class _Selection:
 
 
 def _contradiction(samples: Samples, aided: AidedFit, name: str) -> Mistake | None:
-    """Contradiction between a sensor and the gyro, or the readings, in a fit with both; None if they agree."""
-    if aided.scales_off:
-        return gyro_scale_mistake(aided.scales_off) if name == "rate" else gyro_contradiction(name, aided.scales_off)
+    """Mistake of a sensor that contradicts the gyro or the magnetometer in a fit with it; None if they agree."""
+    if error := aided.gyro_scale_error:
+        return gyro_scale_mistake(error) if name == "rate" else gyro_contradiction(name, error)
     return implausible_vertical(aided, name) or (lean_mistake(samples, aided) if name == "dip" else None)
 
 
 def _site_mistake(bent: AidedFit, without: Aiding, site: Site) -> Mistake | None:
-    """Finding that the dip is not that of the site, by the fits with and without the site; None if it is."""
+    """Mistake of a dip that is not that of the site, by the fits with and without the site; None if it agrees."""
     if without.dip_deg is None:
         return wrong_dip_mistake(dip_of(bent), site) if is_at_another_site(bent, site) else None
     if not is_other_dip(without.dip_deg, site, without.dip_sigma_deg or 0.0):
@@ -297,7 +303,7 @@ def available(samples: Samples) -> tuple[str, ...]:
 
 
 def change_deg(first: AidedFit, second: AidedFit, dip_deg: float) -> float:
-    """Heading difference of two corrections for a level vehicle, rms in degrees, without the mean difference.
+    """Difference in heading of a level vehicle between two corrections, rms in degrees, without the mean difference.
 
     Both corrections are in the magnetometer's own axes; the rotation against the body does not matter.
     """
@@ -314,7 +320,7 @@ def claim_deg(aided: AidedFit, dip_deg: float) -> float:
 
 
 def _plain_ellipsoid(samples: Samples) -> Ellipsoid:
-    """Ellipsoid of the magnetometer alone, from the robust start if the likelihood gives none."""
+    """Ellipsoid of the magnetometer alone by the likelihood, else by the robust start."""
     readings = Readings.of(samples.field)
     try:
         return Likelihood().estimate(readings).ellipsoid
@@ -324,7 +330,7 @@ def _plain_ellipsoid(samples: Samples) -> Ellipsoid:
 
 @dataclass(frozen=True, eq=False)
 class _Candidate:
-    """A fit, and the fits of parts of its readings, which are computed on first use."""
+    """A fit, and the fits of parts of its readings for cross-validation, which are computed at first use."""
 
     samples: Samples
     aided: AidedFit
@@ -332,12 +338,12 @@ class _Candidate:
 
     @cached_property
     def fold_parameters(self) -> list[Parameters]:
-        """Parameters of the fit without each fold in turn; without a rotation the axes count as those of the body."""
+        """Parameters of the fits without each fold in turn; body axes of unknown rotation are those of the sensor."""
         rotation = self.rotation if self.aided.has_rotation else None
         return fit_folds(self.samples, self.aided.aiding, rotation, self.aided)
 
     def hold_out_misfit(self, vertical: str | None) -> HoldOutMisfit:
-        """Misfit of the left-out readings, with the vertical from one kind of sensor."""
+        """Misfit of the left-out readings; `vertical` is the kind of sensor whose vertical is used."""
         return hold_out_misfit(self.samples, self.fold_parameters, vertical)
 
 
@@ -353,7 +359,7 @@ class _AidTrial(NamedTuple):
         return self.candidate.aided
 
     def objection(self, report: AidingSensor) -> str:
-        """Reason why the sensor is not worth using; empty if it is."""
+        """Reason why the sensor does not improve the fit, in words; empty if it does."""
         if report.after_deg > MAX_AUTO_CLAIM_RATIO * report.before_deg:
             return f"claims no less: {figures(report.after_deg)}° with it, {figures(report.before_deg)}° without"
         before, after = self._misfit(self.standing).length, self._misfit(self.candidate).length
@@ -362,9 +368,10 @@ class _AidTrial(NamedTuple):
         return ""
 
     def claims_more(self, report: AidingSensor) -> str:
-        """Reason to leave out a requested sensor: with it the fit claims more heading error; empty otherwise.
+        """Reason to leave out a requested sensor, that the fit with it claims more heading error; else empty.
 
-        The first sensor stays: a fit to the magnitude alone claims too little if residuals are correlated.
+        The first sensor is never left out for this reason, because a fit of the magnetometer alone claims too little if
+        residuals are correlated.
         """
         if not self.standing.aided.aiding or report.after_deg <= MAX_CLAIM_RATIO * report.before_deg:
             return ""
@@ -372,11 +379,11 @@ class _AidTrial(NamedTuple):
 
     @property
     def sees_mounting(self) -> bool:
-        """Whether the sensor is a vertical that observes the mounting, and the mounting is plausible."""
+        """Whether the sensor shows the vertical and observes a plausible mounting."""
         return self.aided.has_rotation and self.aided.aiding[-1] in VERTICALS and not self._is_far()
 
     def rotation_words(self, report: AidingSensor) -> str:
-        """Effect of the rotation by the sensor, in words; empty if the rotation is not proven or does not help."""
+        """Effect of the rotation that the sensor gives, in words; empty if it is not significant or does not help."""
         covariance = self.aided.rotation_covariance
         if covariance is None or self.standing.aided.has_rotation or self.aided.aiding[-1] not in VERTICALS:
             return ""
@@ -395,7 +402,7 @@ class _AidTrial(NamedTuple):
         )
 
     def _is_far(self) -> bool:
-        """Whether the rotation is larger than is plausible between instruments on one body."""
+        """Whether the rotation is implausibly large for instruments on one body."""
         mounted = np.eye(3) if self.candidate.rotation is None else self.candidate.rotation
         apart = rotation_vectors(self.aided.parameters.rotation @ mounted.T)
         return bool(np.rad2deg(np.linalg.norm(apart)) > MAX_MOUNTING_DEG)
@@ -413,7 +420,7 @@ def _degrees(radians: float) -> str:
 def turned_deg(rotation: Floats, dip_deg: float) -> float:
     """Heading change of a level vehicle by a rotation of the magnetometer, rms in degrees, at most 180.
 
-    The square is z² + ½ tan² I (x² + y²), as in `flinders.fitting.aiding.Aiding.alignment_error_deg`.
+    The square of the change is z² + ½ tan² I (x² + y²), as in `flinders.fitting.aiding.Aiding.alignment_error_deg`.
 
     >>> from flinders.likelihood.gyro import rotations
     >>> round(turned_deg(rotations(np.array([[0.0, 0.0, 0.01]]))[0], 60.0), 3)

@@ -1,4 +1,4 @@
-"""Estimate with aiding sensors; of a level turn only if the sensors show that the body leaned.
+"""Estimate with aiding sensors; for a level turn they are used only if they show that the body leaned.
 
 >>> from flinders import simulate
 >>> from flinders.estimators import Readings
@@ -28,15 +28,15 @@ if TYPE_CHECKING:
     from flinders.fitting.request import Request
 
 MIN_LEANING_RATIO: Final = 10.0
-"""Ratio of claimed heading errors, aided fit over level turn, above which the body counts as level.
+"""Ratio of the heading error that an aided fit claims to that of a level turn, above which the body counts as level.
 
-The ratio is up to 8 in drives of half a minute and more than 100 in level turns. Where the body leans, the level turn
-errs by up to 5 times its claim.
+The ratio is up to 8 in drives of half a minute and more than 100 in level turns. If the body leans, the error of the
+fit as a level turn is up to 5 times its claim.
 """
 
 
 def aided_estimate(readings: Readings, request: Request) -> tuple[Estimate | None, Aiding | None]:
-    """Fit with aiding sensors; the estimate is None if none was requested or none was used.
+    """Fit with aiding sensors; the estimate is None if no sensor was requested or used.
 
     Raises
     ------
@@ -88,7 +88,7 @@ def _is_white(estimate: Estimate) -> bool:
 def _is_level(turn: Estimate, aided: Estimate, dip_deg: float) -> bool:
     """Whether the body stayed level: residuals of the turn are white, or the aided fit claims far more error.
 
-    While a body leans, the readings within the plane leave the ellipse as well.
+    Residuals are not white if the body leaned, because leaning also moves readings off the ellipse within the plane.
     """
     worst = level_error(turn.ellipsoid, turn.covariance, dip_deg=dip_deg, down=down_direction(turn.plane)).worst
     return (

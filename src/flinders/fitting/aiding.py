@@ -1,4 +1,4 @@
-"""Aiding sensors: `Instruments` requests them with their errors; `Aiding` has those that a fit used, with results.
+"""Aiding sensors of a fit: `Instruments` is the request for them, `Aiding` has the results.
 
 >>> calibrated = Instruments("rate", gyro_scale_sigma=0.0)
 >>> calibrated.names, Instruments.of(("rate", "dip")).names, bool(Instruments.of(()))
@@ -37,24 +37,24 @@ AUTO: Final = "auto"
 """Request for every aiding sensor and disturbance that improves the calibration."""
 
 MAX_CLAIM_RATIO: Final = 1.05
-"""Largest ratio of claimed heading errors, with aiding sensors over without, at which the aided fit is used."""
+"""Largest ratio of the claimed heading error with aiding sensors to that without, at which the aided fit is used."""
 
 MAX_VERTICAL_CLAIM_RATIO: Final = 4.0
-"""Ratio of claimed heading errors, with a vertical over without, above which the vertical leans or is wrong."""
+"""Ratio of the claimed heading error with a vertical to that without, above which the vertical is wrong or leans."""
 
 VERTICALS: Final = ("dip", "tilt")
-"""Aiding sensors that show the vertical alone; the magnetometer's rotation against it is useful by itself."""
+"""Aiding sensors that show only the vertical; the rotation of the magnetometer against it can be used alone."""
 
 ROTATION_ALONE: Final = "offset and shape stay those without it, and its rotation is used"
 
 MAX_BIAS: Final = 2.0
-"""m/s²: largest plausible bias of an accelerometer, 1 σ."""
+"""Largest plausible bias of an accelerometer, 1 σ in m/s²."""
 
 _GYRO: Final = ("gyro_scale", "gyro_turn")
 """Blocks of the gyro's matrix."""
 
 MAX_GAIN_ERROR: Final = 0.5
-"""Largest plausible error of a scale or gain, as a share of it, 1 σ."""
+"""Largest plausible relative error of a scale or gain, 1 σ."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,46 +129,47 @@ class AidingSensor:
     """Effect of one aiding sensor on a fit."""
 
     name: str  # one of `flinders.estimators.aiding.AIDING_TERMS`
-    is_used: bool  # False if it was left out
-    heading_change_deg: float = 0.0  # change of the heading of a level vehicle by it, rms
-    before_deg: float = 0.0  # worst heading error claimed without it
-    after_deg: float = 0.0  # worst heading error claimed with it
-    reason: str = ""  # why it was left out
-    code: str = ""  # code of the finding for the same reason
+    is_used: bool  # False if the sensor was left out
+    heading_change_deg: float = 0.0  # change of the heading of a level vehicle by the sensor, rms
+    before_deg: float = 0.0  # worst heading error that the fit claims without the sensor
+    after_deg: float = 0.0  # worst heading error that the fit claims with the sensor
+    reason: str = ""  # reason why the sensor was left out, in words
+    code: str = ""  # code of the finding with this reason
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Aiding:
-    """Results of gyro, accelerometer or attitude in a fit, other than the ellipsoid."""
+    """Results of a fit with gyro, accelerometer or attitude, other than the ellipsoid."""
 
-    sensors: tuple[AidingSensor, ...] = ()  # in the order of their trial
-    # (3, 3): from the magnetometer's axes to those of the body; None if not observed
+    sensors: tuple[AidingSensor, ...] = ()  # effect of each sensor, in the order in which they were tried
+    # (3, 3): rotation from the magnetometer's axes to those of the body; None if not observed
     rotation: Floats | None = None
-    rotation_covariance: Floats | None = None  # (3, 3), rad²: of the rotation vector, in body axes
+    rotation_covariance: Floats | None = None  # (3, 3), rad²: covariance of the rotation vector, in body axes
     gyro_bias: Floats | None = None  # (3,), rad/s: reading of the gyro at rest
-    gyro_bias_sigma: Floats | None = None  # (3,), rad/s: 1 σ
+    gyro_bias_sigma: Floats | None = None  # (3,), rad/s: 1 σ of `gyro_bias`
     # (3, 3): gains, non-orthogonality and mounting of the gyro: rate = matrix (reading − bias)
     gyro_matrix: Floats | None = None
     gyro_matrix_sigma: Floats | None = None  # (3, 3): 1 σ of each entry
-    acceleration_bias: Floats | None = None  # (3,), m/s²: added to each reading of the accelerometer
-    acceleration_bias_sigma: Floats | None = None  # (3,), m/s²: 1 σ
+    acceleration_bias: Floats | None = None  # (3,), m/s²: bias, which each reading of the accelerometer contains
+    acceleration_bias_sigma: Floats | None = None  # (3,), m/s²: 1 σ of `acceleration_bias`
     # (3, 3): gains and non-orthogonality of the accelerometer: specific force = matrix (reading − bias)
     acceleration_matrix: Floats | None = None
     acceleration_matrix_sigma: Floats | None = None  # (3, 3): 1 σ of each entry
     gravity_reading: float | None = None  # length of the accelerometer's reading at rest, in its own unit
-    tilt_error: TiltError | None = None  # of the vertical that the corrected accelerometer shows at rest
+    tilt_error: TiltError | None = None  # error of the vertical that the corrected accelerometer shows at rest
     delay_s: float | None = None  # delay of the magnetometer behind the gyro
-    delay_sigma_s: float | None = None  # 1 σ
-    dip_deg: float | None = None  # inclination of the field as the recording shows it
-    dip_sigma_deg: float | None = None  # 1 σ
-    # variance between stretches of the recording over that expected from their residuals
+    delay_sigma_s: float | None = None  # 1 σ of `delay_s`
+    dip_deg: float | None = None  # inclination of the field that the recording shows
+    dip_sigma_deg: float | None = None  # 1 σ of `dip_deg`
+    # ratio of the variance between stretches of the recording to that expected from their residuals
     excess_variance: float = 1.0
     mistakes: tuple[Mistake, ...] = ()
 
     def alignment_error_deg(self, dip_deg: float) -> float | None:
         """Heading error (rms over a level turn, 1 σ, in degrees) from the uncertainty of the rotation.
 
-        A rotation about z adds to the heading directly, tilts mix in the vertical field: C₃₃ + ½ tan² I (C₁₁ + C₂₂).
+        A rotation about z adds to the heading directly; a tilt adds a part of the vertical field. With the covariance C
+        of the rotation the variance is C₃₃ + ½ tan² I (C₁₁ + C₂₂).
         """
         if self.rotation_covariance is None:
             return None
@@ -221,7 +222,7 @@ class Aiding:
         )
 
     def left_out(self, with_deg: float, without_deg: float, *, is_refused: bool) -> Self:
-        """Results for the calibration without aiding sensors; the rotation by vertical sensors is still used.
+        """Results if the calibration uses no aiding sensor; the rotation from vertical sensors is still used.
 
         Parameters
         ----------
@@ -269,7 +270,7 @@ class Aiding:
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
+        """Values for JSON, by name."""
         biases = ("gyro_bias", "gyro_bias_sigma", "acceleration_bias", "acceleration_bias_sigma")
         matrices = (
             "rotation", "rotation_covariance", "acceleration_matrix", "acceleration_matrix_sigma", "gyro_matrix",
@@ -289,7 +290,7 @@ class Aiding:
     def inertial(self) -> Inertial:
         """Calibrations of the accelerometer and the gyro; None for each whose errors were not estimated.
 
-        The directions determine the ratios of the accelerometer's gains, standard gravity determines their mean.
+        Directions of gravity determine the ratios of the accelerometer's gains, standard gravity determines their mean.
         """
         accelerometer = gyro = None
         if self.acceleration_matrix is not None and self.acceleration_bias is not None and self.gravity_reading:
@@ -309,7 +310,7 @@ class Aiding:
 
 
 def claims_more(with_deg: float, without_deg: float, used: Sequence[str] = ()) -> str:
-    """Sentence that a fit with aiding sensors claims more heading error than the fit without.
+    """Words that a fit with aiding sensors claims more heading error than the fit without them.
 
     >>> claims_more(7.21, 2.2), claims_more(7.21, 2.2, ("rate", "dip"))[:47]
     ('with it the heading error is 7.2°, without it 2.2°', 'with rate and dip the heading error is 7.2°, wi')

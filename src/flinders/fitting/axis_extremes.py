@@ -1,9 +1,9 @@
-"""Calibration from six typed numbers, the extremes that a board shows, without a recording.
+"""Calibration without a recording, from six typed numbers: the extremes of each axis that a board shows.
 
-Boards with a display and no port show the smallest and the largest reading of each axis and nothing else. That gives an
-offset and three scales. It gives no noise, no count of readings and no directions, and so no covariance and no heading
-error: none is claimed, and the verdict is never better than ``limited``. The finding states the heading error that
-would result if the half-ranges differed only because the turn was incomplete.
+Boards with a display and no port show only the smallest and the largest reading of each axis. These give an offset and
+three scales. They give no noise, no count of readings and no directions, so that no heading error can be claimed, and
+the verdict is never better than ``limited``. The finding states the heading error that would result if the half-ranges
+differed only because the turn was incomplete.
 
 >>> car = from_extremes([-157, 98, -123, 124, -109, 101], variant="largest")
 >>> car
@@ -50,8 +50,8 @@ class Extremes(Judged, Outcome):
     """A calibration from six numbers, without a claim of accuracy."""
 
     calibration: Calibration  #: the correction
-    low: Floats  #: (3,): in mapped axes and the calibration's unit
-    high: Floats  #: (3,): in mapped axes and the calibration's unit
+    low: Floats  #: (3,): smallest reading of each axis, in mapped axes and the calibration's unit
+    high: Floats  #: (3,): largest reading of each axis, in mapped axes and the calibration's unit
     findings: tuple[Finding, ...] = ()  #: most severe first
 
     @property
@@ -108,7 +108,7 @@ def from_extremes(
     Parameters
     ----------
     numbers : (6,) array-like, in `unit`
-        Smallest and largest of x, of y and of z, as recorded: before the axes are mapped.
+        Smallest and largest reading of x, of y and of z, as recorded: before the axes are mapped.
     variant : str
         See `MinMax`.
     field_strength, target_deg, dip_deg, sensor
@@ -116,12 +116,12 @@ def from_extremes(
     unit : str or Unit, optional
         Unit of the numbers, such as ``"mG"``; by default counts.
     axes : str or Axes, optional
-        Where each axis comes from, such as ``"x,-y,-z"``.
+        The recorded axis for each axis, such as ``"x,-y,-z"``.
 
     Returns
     -------
     Extremes
-        Its verdict is never better than ``limited``, as six numbers contain no measure of error.
+        Calibration whose verdict is never better than ``limited``, as six numbers contain no measure of error.
 
     Raises
     ------
@@ -158,7 +158,7 @@ def from_extremes(
 
 
 def _pairs(numbers: ArrayLike) -> Floats:
-    """(3, 2) smallest and largest of each axis."""
+    """(3, 2) smallest and largest reading of each axis."""
     values = to_floats(numbers, "extremes")
     if values.shape != (6,):
         raise UsageError(f"extremes are {values.size} numbers: need six, smallest and largest of x, of y and of z")
@@ -173,7 +173,7 @@ def _pairs(numbers: ArrayLike) -> Floats:
 
 
 def _finding(extremes: Extremes, target_deg: float, dip_deg: float) -> Finding:
-    """Finding that the accuracy is unknown, with the heading error if the turn did not reach the shorter ends."""
+    """Finding that the accuracy is unknown, with the heading error if the turn did not reach the ends of some axes."""
     half = extremes.ellipsoid.shape.diagonal()
     short = half.max() - half
     shortfall, worst = float(short.max()), 0.0

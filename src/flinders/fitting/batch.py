@@ -1,7 +1,7 @@
-"""Fits of many recordings: one call of the engine fits all of them, another judges all of them.
+"""Fits of many recordings: one call of the engine fits all of them, and a second call judges all of them.
 
-A recording is judged from its record alone, with the numbers and findings of `flinders.fit`. A recording that needs
-more, such as a list of outliers, a level turn or the sentence of a limit, is fitted by `flinders.fit`.
+The results are the numbers and findings of `flinders.fit`. A recording that needs more than the record of the engine,
+such as a list of outliers, a level turn or the sentence of a limit, is fitted by `flinders.fit`.
 
 >>> from flinders import simulate
 >>> tumbles = [simulate.tumble(seed=seed, n=500, motion="uniform").samples for seed in range(3)]
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from flinders.native.layouts import Records
 
 UPPER_ENTRIES: Final = np.flatnonzero(np.triu(np.ones((9, 9))).ravel())
-"""The 45 entries of a covariance on and above its diagonal, row by row."""
+"""Indices of the 45 entries on and above the diagonal of a (9, 9) covariance, row by row."""
 
 WIDTHS: Final = {"offset": 3, "matrix": 9, "covariance": 45}
 """Count of numbers per unit in columns with more than one."""
@@ -58,9 +58,9 @@ LIMITS, REFUSES = SEVERITIES.index("limits"), SEVERITIES.index("refuses")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ConcatenatedRecordings:
-    """Recordings stored one after the other in the same columns, as in a table of a fleet.
+    """Sequence of recordings that are stored one after the other in common columns, as in a table of a fleet.
 
-    A sequence of `Samples`, each of which is created on access.
+    Each member is a `Samples`, which is created on access.
 
     Examples
     --------
@@ -105,14 +105,12 @@ class FitColumns:
     limit: Floats  #: (U,): limit of that number
     method: NDArray[np.object_]
     worst_deg: Floats  #: (U,): heading error at the worst heading of a level vehicle, 1 σ, at the dip `dip_deg`
-    rms_deg: Floats  #: (U,): the same over all headings
-    bound_95_deg: Floats  #: (U,): limit that the error at all headings stays within, with a probability of 95 %
+    rms_deg: Floats  #: (U,): heading error of a level vehicle, 1 σ, rms over all headings
+    bound_95_deg: Floats  #: (U,): heading error at all headings that is not exceeded with a probability of 95 %
     dip_deg: Floats  #: (U,): inclination of the field for these heading errors
-    #: `offset` (U, 3), in `unit_of_field`; `matrix` (U, 9); `covariance` (U, 45): upper triangle, row by row, of
-    #: `Claim.claimed_covariance`
-    offset: Floats
-    matrix: Floats
-    covariance: Floats
+    offset: Floats  #: (U, 3), in `unit_of_field`
+    matrix: Floats  #: (U, 9): rows of the matrix
+    covariance: Floats  #: (U, 45): upper triangle of `Claim.claimed_covariance`, row by row
     noise: Floats  #: (U,), in `unit_of_field`
     field_strength: Floats  #: (U,), in `unit_of_field`
     coverage: Floats  #: (U,): share of the sphere that readings cover
@@ -158,7 +156,7 @@ def fit_batch(
     Parameters
     ----------
     units : sequence of Samples, or ConcatenatedRecordings
-        The readings of each.
+        Readings of each unit.
     target_deg : float
         Worst heading error that is good enough, in degrees.
     dip_deg : float
@@ -205,7 +203,10 @@ def _with_disturbances(
 def _groups(
     units: Sequence[Samples] | ConcatenatedRecordings,
 ) -> Iterator[tuple[NDArray[np.intp], Samples, NDArray[np.int64]]]:
-    """Yield groups of units to fit from readings and times only: their indices, joined readings, start indices."""
+    """Yield groups of units that are fitted from readings and times alone.
+
+    A group has the indices of its units, their joined readings, and the index of the first reading of each unit.
+    """
     if isinstance(units, ConcatenatedRecordings):
         if _is_plain(units.whole):
             yield np.arange(len(units)), units.whole, np.concatenate([[0], units.ends])
@@ -227,7 +228,7 @@ def _is_plain(one: Samples) -> bool:
 
 
 def _is_sufficient(records: Records, inside: str) -> NDArray[np.bool_]:
-    """(U,) whether a record is sufficient: one fit of all readings, of a sensor that was turned out of one plane."""
+    """(U,) whether no separate fit is needed: all readings were fitted, and the sensor was turned out of one plane."""
     tells: NDArray[np.bool_] = (records["status"] == 0) & (records["unobserved"] == 0) & (records["hides_plane"] == 0)
     return tells & was_turned(records, inside, weakest=0.0)
 
@@ -243,7 +244,7 @@ def _limit(record: Records) -> float:
 
 
 def _add_unmodelled(records: Records, disturbed: Iterator[tuple[int, Samples]]) -> None:
-    """Test whether recorded disturbances explain residuals of their units; writes into the records in place."""
+    """Write into the records whether recorded disturbances explain the residuals of their units."""
     for place, one in disturbed:
         record = records[place]
         time = float(np.nan_to_num(record["correlation_time"], nan=1.0))
@@ -266,7 +267,7 @@ def _corrections(shapes: Floats, strength: Floats) -> Floats:
 
 
 def _fill(columns: BatchColumns, places: NDArray[np.intp], records: Records, judgements: Records, inside: str) -> None:
-    """Fill columns from judgements; units that are refused or need further tests are left to a separate fit."""
+    """Fill columns from judgements, except for units that are refused or need further tests, and so a separate fit."""
     asks = judgements["asks"] & (ASKS_HALVES | ASKS_SWAP)
     usable = (judgements["verdict"] < REFUSES) & ~np.isnan(judgements["worst_deg"]) & (asks == 0)
     if not usable.any():
@@ -346,7 +347,7 @@ def fill_row(columns: FitColumns, place: int, result: Fit | Exception) -> None:
 
 
 def _explain(columns: FitColumns, place: int, result: Fit | Exception) -> None:
-    """Write the cause of a fit that is not good, the one that a page shows first."""
+    """Write the cause why a fit is not good: its most severe finding, or its error."""
     if isinstance(result, Fit) and result.verdict != "good":
         for first in first_causes(result.findings)[:1]:
             columns.cause[place], columns.message[place] = first.code, headline_of(result).words

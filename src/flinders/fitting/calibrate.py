@@ -61,10 +61,10 @@ PARAMETERS_ELSEWHERE: Final = {
     **dict.fromkeys(("dip", "dip_deg", "inclination_deg"), "flinders.Site, as inclination_deg"),
     "prior": "flinders.estimators.Likelihood and its like",
 }
-"""Parameters that other functions or values take, with the name of each, for messages."""
+"""Parameters of other functions or values, with the name of that function or value, for messages."""
 
 METHODS_MERGING_RESTS: Final = frozenset({"auto", "consistent", "ellipse", "level", "likelihood", "robust"})
-"""Methods that count all readings at rest as one reading or none; published recipes count each."""
+"""Methods for which all readings of a rest count as one reading or none; for published recipes each reading counts."""
 
 
 class _Frame(NamedTuple):
@@ -81,7 +81,7 @@ class _Frame(NamedTuple):
         Raises
         ------
         UsageError
-            If a unit or axes are given for a recording with others: they would not convert it.
+            If the unit or axes in the arguments differ from those of a recording, which they cannot convert.
         """
         if not hasattr(source, "blocks"):
             return cls(unit, axes)
@@ -114,8 +114,8 @@ def fit(
     Parameters
     ----------
     source : Samples, Recording, Summary, (N, 3) array-like, path, open file or data frame
-        Readings, or a source for `flinders.read`, with columns chosen by their names. A `Summary` is enough for the
-        methods that need only sums; ``auto`` then is ``consistent``.
+        Readings, or a source for `flinders.read`, with columns chosen by their names. A `Summary` is sufficient for
+        methods that need only sums; ``auto`` then uses ``consistent``.
     method : str or Estimator
         A name of `flinders.estimators.METHODS`; or a method with its options, such as
         ``flinders.estimators.Likelihood(prior=None)``. Its parameters of the site come from `site`.
@@ -126,13 +126,13 @@ def fit(
         without a strength the matrix has determinant 1 and the length is the fitted radius. Headings are judged
         at its inclination, else at 60° (`Claim.dip_assumed`). Its values with an uncertainty are priors of the fit.
     columns : str or sequence of str or int, optional
-        Which columns of a file or data frame are the magnetometer's, as `flinders.read` takes them:
-        ``["mx", "my", "mz"]``; by default they are known by their names.
+        The magnetometer's columns of a file or data frame, as for `flinders.read`: ``["mx", "my", "mz"]``; by default
+        they are recognised by their names.
     unit : str or Unit, optional
         Unit of an array or a file, as in `flinders.read`: ``"uT"``, ``"mG"``; a recording has its own.
     axes : str or Axes, optional
-        Where each axis comes from, such as ``"x,-y,-z"``; a recording has its own. For a Summary: the axes of its
-        readings, and `unit` is their unit.
+        The recorded axis for each axis, such as ``"x,-y,-z"``; a recording has its own. For a `Summary`, `axes` and
+        `unit` are those of its readings.
     sensor : str or int, optional
         Name or serial number, stored with the calibration; for a log, number or name of the magnetometer to use.
     disturbances : sequence of str
@@ -142,12 +142,12 @@ def fit(
         explains nothing is left out, and a finding states that.
     aiding : str, sequence of str or Instruments
         Other recorded sensors to use: ``rate``, ``dip``, ``tilt``, ``attitude``; or ``auto`` for those that improve the
-        calibration, disturbances included. `Instruments` also states their errors. A sensor that enlarges the claim is
-        left out, with an `AidingSensor.reason`. See docs/terms.md.
+        calibration, disturbances included. `Instruments` also states their errors. A sensor with which the claimed
+        error is larger is left out, with an `AidingSensor.reason`. See docs/terms.md.
     linearize : bool
         Correct nonlinear axes if the nonlinearity is significant and the claim becomes smaller
-        (`Calibration.linearization`). Of the targets only C and Python hold such a calibration. For one recording in
-        memory by ``auto``, without aiding sensors and disturbances.
+        (`Calibration.linearization`). Only the targets C and Python can hold such a calibration. It is available for
+        one recording in memory by ``auto``, without aiding sensors and disturbances.
 
     Raises
     ------
@@ -224,10 +224,10 @@ def _estimate_without_aiding(
 
 
 def _replaced_aiding(aided: Fit, alone: Fit, aiding: Aiding | None) -> Aiding | None:
-    """Report of aiding sensors that are left out after comparison; None if the aided fit is kept.
+    """Report of aiding sensors that are left out after comparing both fits; None if the aided fit is kept.
 
-    They are left out if only the aided fit is refused, or if it claims more error. A level turn claims too little where
-    the body leans, so that it replaces the aided fit only if the aided fit is refused.
+    Aiding sensors are left out if only the aided fit is refused, or if it claims more error. A fit as a level turn
+    claims too little if the body leans, so that it replaces only a refused aided fit.
     """
     with_deg, without_deg = aided.heading_error_deg.worst, alone.heading_error_deg.worst
     is_refused = aided.verdict == "refused"
@@ -275,7 +275,7 @@ def _compensate(source: Recording | Summary, disturbances: Sequence[str], reques
 
 
 def _estimate(readings: Readings, estimator: Estimator, request: Request, unit: Unit | None) -> Estimated:
-    """Estimate by the engine if one record suffices, else by aiding sensors or the method; then apply the site."""
+    """Estimate by the engine if its record is sufficient, else with aiding sensors or the method; apply the site."""
     if not request.instruments and not request.site:
         recorded = Estimated.of_record(estimator, readings, unit)
         if recorded is not None:
@@ -329,7 +329,7 @@ def _linearize(plain: Estimated, estimator: Estimator, request: Request, unit: U
 
 
 def _expected_deg(found: Estimated) -> float:
-    """Worst level heading error by the engine's record in degrees, with the part that depends on the direction."""
+    """Worst level heading error in degrees by the engine's record, including the part that depends on the direction."""
     assert found.record is not None
     record = found.record.copy()
     record["is_claimed"] = True  # compare covariances as estimated: few readings widen both by the same factor
@@ -340,7 +340,8 @@ def _expected_deg(found: Estimated) -> float:
 def _claim(found: Estimated, estimator: Estimator, request: Request) -> Widened:
     """Widen the covariance of an estimate by errors that its method does not include, and by its disturbances.
 
-    The estimate is shrunk if `auto` fitted by the magnitude alone with a prior, and the readings were corrected before.
+    The estimate is shrunk towards no correction if `auto` fitted the magnetometer alone with a prior, and the readings
+    were corrected before.
     """
     widened = widen_claim(
         found.estimate,
@@ -370,27 +371,27 @@ def judge_estimate(
     dip_assumed: bool = False,
     refreshed: Refreshed | None = None,
 ) -> Fit:
-    """Judge an estimate from elsewhere, such as a joint fit of several magnetometers, as the fit of a recording.
+    """Judge the estimate of another method, such as a joint fit of several magnetometers, as that of a recording.
 
     Parameters
     ----------
     estimate : Estimate
-        Its covariance includes the correlation of residuals.
+        Estimate whose covariance includes the correlation of residuals.
     source : Recording or Readings
-        The readings of the estimate, for coverage and health; as `Readings` without those at a rail.
+        Readings of the estimate, for its coverage and quality; a `Readings` is without saturated readings.
     aiding_result : Aiding, optional
-        With the rotation from the sensor's axes to those of the body.
+        Result with the rotation from the sensor's axes to those of the body.
     site, target_deg, sensor
         As for `fit`.
     dip_assumed : bool
         Whether the dip of the site is a guess.
     refreshed : Refreshed, optional
-        Given if the shape is that of an earlier calibration.
+        Changes since an earlier calibration, if the shape is that of this calibration.
 
     Raises
     ------
     Refused
-        If the fit cannot be trusted; the error carries the fit.
+        If the fit cannot be trusted; the error has the fit.
     """
     request = Request.of(site, target_deg=target_deg)
     request = replace(request, dip_assumed=dip_assumed or request.dip_assumed)

@@ -50,25 +50,26 @@ class Claim(ShortRepr):
     """Claimed accuracy of a calibration: its covariance, and the errors that follow from it, 1 σ."""
 
     calibration: Calibration  #: the correction
-    #: (9, 9): of the offset b and the shape S = F W⁻¹, in the order b₁, b₂, b₃, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃, in the
-    #: square of the calibration's unit. Singular if the method fixes some of them; zeros if no uncertainty is stated,
-    #: see `states_uncertainty`.
+    #: (9, 9): covariance of the offset b and the shape S = F W⁻¹, in the order b₁, b₂, b₃, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃,
+    #: S₂₃, in the square of the calibration's unit. Singular if the method fixes some parameters; zero if no
+    #: uncertainty is stated, see `states_uncertainty`.
     covariance: Floats = field(default_factory=lambda: np.zeros((9, 9)))
     textbook_covariance: Floats | None = None  #: (9, 9): as `covariance`, if residuals were independent
     heading_error_deg: HeadingError = NO_ERROR  #: expected of a level vehicle, 1 σ; NaN if not stated
-    #: part of the heading error that depends on the direction, the larger of two: an error across the field as large as
-    #: the distortion along it (1 σ), or the error at the worst heading from axes that are proven nonlinear or late
+    #: part of the heading error that depends on the direction of the field. It is the larger of two: the error (1 σ) if
+    #: the distortion across the field is as large as that along the field, or the error at the worst heading from axes
+    #: that are proven nonlinear or late.
     structure_deg: float = 0.0
-    #: inclination of the field at the site. The inclination in `heading_error_deg` has the sign that the recording
-    #: shows, which is opposite for a sensor mounted upside down.
+    #: inclination of the field at the site. `heading_error_deg` has the inclination in the axes of the recording, whose
+    #: sign is opposite for a sensor that is mounted upside down.
     dip_deg: float = ASSUMED_DIP_DEG
     dip_assumed: bool = False  #: whether `dip_deg` is a guess because the place is unknown
     target_deg: float = 1.0  #: requested worst heading error
     #: heading error (1 σ) from the stated uncertainty of the mounting, not part of `heading_error_deg`
     alignment_error_deg: float | None = None
-    #: heading error (rms) from the bias and misfit of the method, as far as the readings show; part of the covariance
+    #: heading error (rms) from the bias of the method, as far as the readings show it; the covariance includes it
     bias_deg: float = 0.0
-    #: whether the readings were corrected before, and the fit is shrunk towards leaving them as they are (``claim.c``)
+    #: whether the fit is shrunk towards no correction, because the readings were corrected before (``claim.c``)
     is_shrunk: bool = False
     #: ``xy``, ``yz`` or ``zx`` if all readings lie in one plane: headings are then those of a turn about the third axis
     plane: Plane | None = None
@@ -95,7 +96,7 @@ class Claim(ShortRepr):
 
     @property
     def known_dip_deg(self) -> float:
-        """Inclination of the field with the sign that the recording shows, else that of the site."""
+        """Inclination of the field with the sign in the axes of the recording if known, else that of the site."""
         dip_deg = self.heading_error_deg.dip_deg
         return self.dip_deg if math.isnan(dip_deg) else dip_deg
 
@@ -106,11 +107,11 @@ class Claim(ShortRepr):
 
     @property
     def claimed_covariance(self) -> Floats:
-        """(9, 9) covariance from which every stated error of heading and direction follows, at any dip and attitude.
+        """(9, 9) covariance from which all stated errors of heading and direction follow, at any dip and attitude.
 
-        The covariance of offset and shape, plus an uncertain offset P = σ² S Sᵀ for errors that depend on the
-        direction. It moves the corrected field by σ in every direction, and a level heading by σ / cos I =
-        `structure_deg`.
+        It is the covariance of offset and shape, plus that of an uncertain offset, σ² S Sᵀ, for errors that depend on
+        the direction. This offset moves the corrected field by σ in any direction, and a level heading by σ / cos I,
+        which is `structure_deg`.
         """
         if not self.structure_deg:
             return self.covariance
@@ -125,7 +126,7 @@ class Claim(ShortRepr):
 
     @property
     def textbook_heading_error_deg(self) -> HeadingError | None:
-        """Heading error by the covariance for independent residuals, 1 σ."""
+        """Heading error, 1 σ, that the covariance for independent residuals would give; None without one."""
         if self.textbook_covariance is None:
             return None
         down = down_direction(self.plane)
@@ -138,7 +139,7 @@ class Claim(ShortRepr):
 
     @property
     def heading_bound_deg(self) -> float:
-        """Limit of the level heading error at all headings, with a probability of 95 %; NaN if not stated.
+        """95 % bound of the level heading error over all headings, in degrees; NaN if not stated.
 
         See `flinders.heading.error_propagation.level_bound_deg`.
         """
@@ -150,7 +151,7 @@ class Claim(ShortRepr):
 
     @property
     def headline_numbers(self) -> Claimed:
-        """Numbers of the claim for a headline."""
+        """Numbers of the claim that the headline of a verdict states."""
         return Claimed(self.heading_error_deg.worst, self.heading_bound_deg, self.target_deg)
 
     def tilted_error(self, tilt_deg: float) -> HeadingError:
@@ -160,7 +161,10 @@ class Claim(ShortRepr):
 
     @property
     def attitude_limit_deg(self) -> float:
-        """Tilt up to which the worst heading error is within the target: 0 if not even level, 180 if at any tilt."""
+        """Largest tilt in degrees at which the worst heading error meets the target; 0 if a level vehicle exceeds it.
+
+        180 if the error meets the target at any tilt.
+        """
         dip, down = self.known_dip_deg, down_direction(self.plane)
         claimed, limit = self.claimed_covariance, self.target_deg
         return attitude_limit_deg(self.ellipsoid, claimed, dip_deg=dip, limit_deg=limit, down=down)
@@ -177,7 +181,7 @@ class Claim(ShortRepr):
 
 
 def parameter_names(calibration: Calibration) -> tuple[str, ...]:
-    """Names of the rows of the covariance of all parameters, disturbances included."""
+    """Names of the parameters in the rows of the covariance, including those of disturbances."""
     disturbances = calibration.disturbances
     named = [f"{disturbance.kind.key}_{axis}" for disturbance in disturbances for axis in "xyz"]
     growth = [f"{disturbance.kind.key}_scale" for disturbance in disturbances if disturbance.name == "temperature"]

@@ -1,9 +1,9 @@
 """Selection among named columns of a log: a calibration follows those that explain left-out readings.
 
-Each column is tried together with all others, by the hold-out of `flinders.fitting.disturbance_selection`. If the
-column that explains least explains nothing, the fit leaves it out and reports it, and the others are tried again. A
-column that follows the direction of the field is refused, as it cannot be distinguished from soft iron. Named
-currents, throttles and temperatures are always followed.
+All columns are tried together, by the cross-validation of `flinders.fitting.disturbance_selection`. If the column that
+explains least does not reduce the scatter of left-out readings, the fit leaves it out and reports it, and the others
+are tried again. A column that is a function of the field's direction is refused, as its effect cannot be distinguished
+from soft iron. Named currents, throttles and temperatures are always followed.
 
 >>> from dataclasses import replace
 >>> import numpy as np
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from flinders.estimators.disturbance import DisturbanceFit
 
 MAX_FOLLOWING: Final = 0.75
-"""Largest share of a column that directions of the field may predict; beyond it the column is refused."""
+"""Largest share of a column's variance that field directions may predict; with more, the column is refused."""
 
 
 MAX_COLLINEARITY: Final = 0.95
@@ -49,7 +49,7 @@ MAX_COLLINEARITY: Final = 0.95
 
 
 MAX_EXPLAINED: Final = 0.3
-"""Largest rms effect of a column, as a share of the field's strength, for which its own fit gives the directions."""
+"""Largest rms effect of a column, as a share of the field, at which the fit with the column gives the directions."""
 
 
 class Selection(NamedTuple):
@@ -101,7 +101,7 @@ def select_columns(
 
 
 def _scatter_ratio(parts: Sequence[Samples], names: tuple[str, ...], column: str, spread: float | None) -> float:
-    """Scatter of the field's strength in left-out stretches, with one of the disturbances over without it."""
+    """Ratio of the scatter of the field's strength in left-out stretches with a column to that without it."""
     others = tuple(name for name in names if name != column)
     before, after = hold_out_residuals(parts, others, names, spread)
     return after / before
@@ -113,13 +113,13 @@ def refuse_attitude(
     """Raise `FollowsAttitude` for the first of some columns that is a function of the direction of the field.
 
     The directions come from a fit that follows all columns. A column that is a linear function of the direction can
-    absorb most of the field in that fit; its directions then come from a fit that follows no column. Such a column may
-    leave all readings in one plane and an ellipsoid of any size through them, so that the smaller radius of the two
-    fits is the field's strength.
+    absorb most of the field in this fit; its directions then come from a fit that follows no column. The first fit may
+    then have readings in one plane only, through which ellipsoids of any size pass. Therefore the smaller radius of the
+    two fits is used as the field's strength.
     """
     found = fit_disturbances(parts, names, spread=spread)
     logged = LoggedDisturbances.of(parts, tuple(names))
-    values = {name: logged.lagged(name, 0.0) for name in columns}
+    values = {name: logged.lagged_values(name, 0.0) for name in columns}
     others = [name for name in dict.fromkeys(names) if name not in values]
     without = fit_disturbances(parts, others, spread=spread)
     followed, plain = _directions(logged, found), None
@@ -140,5 +140,5 @@ def _directions(logged: LoggedDisturbances, found: DisturbanceFit) -> Floats:
     """(N, 3) directions of the field in readings with disturbances subtracted."""
     readings = logged.field
     for one in found.disturbances:
-        readings = readings - one.shift(logged.lagged(one.name, one.lag_s))
+        readings = readings - one.shift(logged.lagged_values(one.name, one.lag_s))
     return corrected_directions(readings, found.ellipsoid)

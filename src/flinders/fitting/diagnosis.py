@@ -1,6 +1,6 @@
-"""Diagnosis of a fit by the detectors of `diagnostics`, which need more than the ellipsoid and its residuals.
+"""Diagnosis of a fit by the tests of `flinders.diagnostics`, which need the recording.
 
-The detectors find drift, nonlinear axes, axes read late, a disturbance that is not modelled, dependence on the
+The tests find drift, nonlinear axes, axes that are read late, a disturbance that is not modelled, dependence on the
 attitude, and swapped axes.
 
 >>> from flinders import simulate
@@ -35,13 +35,13 @@ if TYPE_CHECKING:
     from flinders.native.layouts import Records
 
 MAX_DRIFT_READINGS: Final = 5_000
-"""Largest count of readings for the test for drift; a longer recording is thinned to it."""
+"""Largest count of readings in the test for drift; a longer recording is thinned to this count."""
 
 
 def _drift(estimate: Estimate, found: Estimated, dip_deg: float) -> Drift | None:
     """Drift within one recording; None if its residuals are white or the test does not apply.
 
-    The bias of a method looks like drift, so that an estimate with a bias is not tested.
+    An estimate of a method with a bias is not tested, because the bias looks like drift.
     """
     readings = found.readings
     if found.record is not None and not estimate.outliers:
@@ -75,7 +75,7 @@ def faults_of_axes(estimate: Estimate, found: Estimated) -> tuple[Nonlinearity |
 
 
 def add_faults(record: Records, estimate: Estimate, found: Estimated) -> tuple[Nonlinearity | None, AxisLag | None]:
-    """Write faults of axes into a record; of a corrected nonlinearity, the error that remains."""
+    """Write nonlinearity and lag of the axes into a record; for a corrected nonlinearity, the remaining error."""
     nonlinearity, lag = faults = faults_of_axes(estimate, found)
     record["nonlinear_deg"] = record["lag_deg"] = math.nan
     if lag is not None:
@@ -122,7 +122,10 @@ def _attitude_dependence(estimate: Estimate, found: Estimated, dip_deg: float) -
 
 
 def _tilt_error_deg(estimate: Estimate, calibration: Calibration, found: Estimated) -> float:
-    """Heading error from the accelerometer's vertical, in degrees; NaN in a plane, and if the fit corrects it."""
+    """Heading error in degrees from errors of the accelerometer's vertical.
+
+    NaN for a fit in one plane, and for a fit that corrects the accelerometer.
+    """
     samples, aiding = found.readings.all_readings.recording, found.aiding
     if estimate.plane or not isinstance(samples, Samples) or samples.acceleration is None:
         return math.nan
@@ -134,7 +137,7 @@ def _tilt_error_deg(estimate: Estimate, calibration: Calibration, found: Estimat
 
 
 def diagnose(widened: Widened, estimate: Estimate, found: Estimated, calibration: Calibration) -> Diagnosis:
-    """Run the detectors on a fit; writes faults of axes into its record."""
+    """Run all tests on a fit, and write nonlinearity and lag of the axes into its record."""
     dip_deg = float(widened.record["dip_deg"])
     nonlinearity, axis_lag = add_faults(widened.record, estimate, found)
     return Diagnosis(

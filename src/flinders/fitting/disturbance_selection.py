@@ -5,7 +5,7 @@ currents and throttles of each motor, in place of the totals. The recording is c
 them, spread over the recording, is left out in turn. A disturbance is accepted if it reduces the scatter of the field
 strength in the left-out intervals by at least 2 %.
 
-When to use it: ``--with auto``. Name a disturbance that is known to matter, and read its findings.
+When to use it: with ``auto``. If a disturbance is known to matter, request it by its name instead.
 
 >>> from flinders import simulate
 >>> motors = simulate.MotorCurrent(per_ampere=[0.5, 0.0, -0.3])
@@ -44,10 +44,10 @@ if TYPE_CHECKING:
     from flinders.core.samples import Recording, Samples
 
 INTERVALS_PER_FOLD: Final = 4
-"""Number of intervals of each fold, so that a spell of a motor falls into fitted and into left-out readings."""
+"""Number of intervals of each fold; with several, fitted and left-out readings both include running motors."""
 
 MAX_SCATTER_RATIO: Final = 0.98
-"""Largest ratio of the scatter of left-out readings, with a disturbance over without it, at which it is accepted."""
+"""Largest ratio of the scatter of left-out readings with an accepted disturbance to that without it."""
 
 MAX_COLLINEARITY: Final = 0.95
 """Largest share of the information on a disturbance that the attitude may explain as well."""
@@ -55,7 +55,7 @@ MAX_COLLINEARITY: Final = 0.95
 REPLACED_BY_MOTORS: Final = "each motor by itself explains more"
 
 MAX_DISTANCE_SIGMAS: Final = 5.0
-"""Robust standard deviations at which a distance is clipped."""
+"""Largest distance in robust standard deviations; larger distances are clipped to it."""
 
 
 def select_disturbances(
@@ -135,7 +135,7 @@ def _report(
 
 
 def _standstill(parts: Sequence[Samples], new: tuple[str, ...], tried: tuple[str, ...]) -> str:
-    """Sentence that the disturbances or the attitude hardly changed; empty if both changed."""
+    """Sentence that the disturbances or the attitude of the body hardly changed; empty if both changed."""
     logged = LoggedDisturbances.of(parts, new)
     moving, _ = logged.split()
     if not moving:

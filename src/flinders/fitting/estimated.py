@@ -1,4 +1,4 @@
-"""An estimate together with statistics and coverage of its readings, and the engine's record.
+"""An estimate with its readings, their statistics and coverage, and the engine's record.
 
 >>> from flinders import simulate
 >>> from flinders.estimators import Readings
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 
 class Estimated(NamedTuple):
-    """An estimate together with the properties of its readings.
+    """An estimate with its readings and the properties of these.
 
     Attributes
     ----------
@@ -44,18 +44,18 @@ class Estimated(NamedTuple):
     statistics : Statistics
     coverage : Coverage
     record : Records, optional
-        Record of the engine, if the other attributes were taken from it.
+        Record of the engine, if the other attributes come from this record.
     disturbed : DisturbanceFit, optional
         Fit of the disturbances that were subtracted from the readings.
     aiding : Aiding, optional
     is_joint : bool
         Whether aiding sensors were used in the estimate.
     refreshed : Refreshed, optional
-        Given if the shape is that of an earlier calibration.
+        Changes since an earlier calibration, if the shape is that of this calibration.
     linearized : AxisTerms, optional
         Terms of nonlinear axes that were subtracted from the readings.
     unused : tuple of DisturbanceEstimate
-        Columns that were tried and left out, as they explain nothing.
+        Columns that were tried and left out, because they explain nothing.
     """
 
     estimate: Estimate
@@ -82,7 +82,7 @@ class Estimated(NamedTuple):
     def of_record(
         cls, estimator: Estimator, readings: Readings, unit: Unit | None, *, has_sigma: bool = False
     ) -> Self | None:
-        """Take the estimate from the engine's record of one recording in memory; None if a record is not sufficient.
+        """Take the estimate from the engine's record of one recording in memory; None if the record is not sufficient.
 
         With `has_sigma` the record includes standard deviations of the nonlinear terms.
         """
@@ -111,7 +111,7 @@ class Estimated(NamedTuple):
 
 
 def _doubt(readings: Readings) -> str:
-    """Doubt whether readings are those of a magnetometer, in words; of a long recording by its first block."""
+    """Doubt whether readings are those of a magnetometer, in words; a long recording is judged by its first block."""
     recording = readings.recording
     first = recording if recording is None or isinstance(recording, Samples) else next(iter(recording.blocks()), None)
     if first is None or not first.nameless:

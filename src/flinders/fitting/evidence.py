@@ -1,4 +1,4 @@
-"""Evidence of a fit: its method, noise and coverage of its readings, residuals, and results of diagnostics.
+"""Evidence of a fit: method, noise, coverage, residuals, and results of diagnostics.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -36,8 +36,8 @@ NOT_STATED: Final = "not stated"
 class Residuals(ShortRepr):
     """Statistics of the distances of readings from the ellipsoid."""
 
-    independent_samples: float = math.inf  #: count of independent readings with the information of the used, correlated
-    #: ones
+    #: count of independent readings that have as much information as the correlated readings in the fit
+    independent_samples: float = math.inf
     autocorrelation: float | None = None  #: correlation of a residual with the next; None if not computed
     #: standard deviation of errors that depend on the direction and fit no ellipsoid, in the calibration's unit
     distortion: float = 0.0
@@ -47,30 +47,34 @@ class Residuals(ShortRepr):
 class Diagnosis(ShortRepr):
     """Results of diagnostics on a recording; None, or NaN, if a test was not made or found nothing."""
 
-    drift: Drift | None = None  #: change over time, of a single recording that is long enough
-    #: of the axes, for fits of 100 uncompensated readings or more. If proven, the claim's `structure_deg` includes its
-    #: error, or the error that the linearization of the calibration leaves.
+    drift: Drift | None = None  #: steady change over time within a single recording
+    #: nonlinearity of the axes, for fits of 100 readings or more without disturbances. If it is proven, the claim's
+    #: `structure_deg` includes its error, or the error that remains after linearization.
     nonlinearity: Nonlinearity | None = None
-    axis_lag: AxisLag | None = None  #: delay of each axis, for the same fits
-    axis_swap: AxisSwap | None = None  #: if the readings show that axes were swapped in mid-recording
-    unmodelled: Unmodelled | None = None  #: a recorded disturbance that changes the readings and is not followed
-    #: a disturbance that depends on the attitude, by the accelerometer
+    axis_lag: AxisLag | None = None  #: delay of each axis, for fits of 100 readings or more without disturbances
+    axis_swap: AxisSwap | None = None  #: axes that were swapped within the recording
+    unmodelled: Unmodelled | None = None  #: recorded disturbance that changes the readings and that the fit ignores
+    #: disturbance that depends on the attitude, by the accelerometer
     attitude_dependence: AttitudeDependence | None = None
-    #: heading error from the tilt by the accelerometer, if one was recorded at rest and no fit corrects it; else NaN
+    #: degrees: heading error from errors of the accelerometer's vertical, if the fit does not correct them; else NaN
     tilt_error_deg: float = math.nan
-    repeats: Repeats | None = None  #: several recordings, compared with each other; their scatter is in the covariance
-    refreshed: Refreshed | None = None  #: if the shape is that of an earlier calibration, see `flinders.refresh`
+    #: comparison of several recordings with each other; the covariance includes their scatter
+    repeats: Repeats | None = None
+    #: changes since an earlier calibration, if the shape is that of this calibration, see `flinders.refresh`
+    refreshed: Refreshed | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Disturbances(ShortRepr):
     """Disturbances that the offset follows."""
 
-    estimates: tuple[DisturbanceEstimate, ...] = ()  #: one for each disturbance; empty if the offset follows nothing
-    #: (9 + K, 9 + K): of the nine parameters of the claim's `covariance`, the offset per unit of each disturbance, and
-    #: last the change of the scale; None if the offset follows nothing
+    #: statistics of each disturbance; empty if the offset follows none
+    estimates: tuple[DisturbanceEstimate, ...] = ()
+    #: (9 + K, 9 + K): covariance of the nine parameters of the claim's `covariance`, the offset per unit of each
+    #: disturbance, and last the growth of the scale with the temperature; None if the offset follows no disturbance
     covariance: Floats | None = None
-    noise_uncompensated: float | None = None  #: noise of the best ellipsoid without disturbances
+    #: standard deviation of distances from the best ellipsoid without disturbances, in the calibration's unit
+    noise_uncompensated: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True, repr=False)
@@ -81,16 +85,17 @@ class Evidence(ShortRepr):
     samples: int = 0  #: readings used; 0 if not stated
     #: standard deviation of the readings' distance from the ellipsoid, in the calibration's unit; NaN if not stated
     noise: float = math.nan
-    #: directions that readings cover. A loaded fit has only the numbers, not the count of readings in each direction.
+    #: directions that readings cover; a fit loaded from a file has no counts of readings in each direction
     coverage: Coverage = field(default_factory=Coverage)
     outliers: tuple[Outlier, ...] = ()  #: runs of rejected readings
     residuals: Residuals = field(default_factory=Residuals)  #: distances from the ellipsoid
     prior_influence: float = 0.0  #: share of the prior in the information on the least known shape parameter, 0 to 1
-    unobserved: int = 0  #: directions of parameter space that the readings do not determine, so that the prior fixes
-    #: them False if an accelerometer shows that z does not point down, so that the dip of the site was not used; None
-    #: if that dip was used and the direction of z is neither measured nor stated
+    #: count of directions of parameter space that only the prior determines, because the readings do not
+    unobserved: int = 0
+    #: False if an accelerometer shows that z does not point down, so that the dip of the site was not used. None if the
+    #: dip of the site was used although the direction of z is neither measured nor stated. Else True.
     z_down: bool | None = True
-    diagnosis: Diagnosis = field(default_factory=Diagnosis)  #: changes and disturbances of the readings
+    diagnosis: Diagnosis = field(default_factory=Diagnosis)  #: results of diagnostics on the recording
     disturbances: Disturbances = field(default_factory=Disturbances)  #: disturbances that the offset follows
     aiding: Aiding | None = None  #: results of other recorded sensors
 

@@ -1,4 +1,4 @@
-"""Export of a fit to a target: the compass of the vehicle that it is for, and its claim and limits as comments.
+"""Export of a fit to a target, for a compass of a vehicle, with the claim and limits of the fit as comments.
 
 A target (`flinders.targets`) writes the numbers of a calibration. This module adds the origin, claim and limits of the
 fit, and the compass of its readings.
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from flinders.targets._target import Trial
 
 METHODS_BY_TARGET_KIND: Final = {"offset": "sphere", "diagonal": "axes"}
-"""Method that estimates exactly the parameters that a target of a kind holds."""
+"""Method that estimates exactly the parameters that a target holds, by the kind of the target."""
 NO_ROTATION: Final = "none"
 """Word for a mounting without rotation."""
 
@@ -50,7 +50,7 @@ def export_fit(
     name: str | None = None,
     noise: bool = False,
 ) -> tuple[Export, list[str]]:
-    """Export of a fit for a target, with sentences on the compass that it is for.
+    """Export a fit to a target; returns the export, and sentences on the compass for which it is.
 
     Raises `NotExportable` or `UnitError` if the target cannot hold the fit; `UsageError` if the fit has readings of
     several compasses and `compass` is not given.
@@ -58,9 +58,9 @@ def export_fit(
     Parameters
     ----------
     compass : int, optional
-        Number of the compass of the vehicle; by default the compass that was recorded.
+        Number of the compass of the vehicle; by default that of the compass that was recorded.
     mounting : str, optional
-        Mounting of the compass when it was recorded, in the target's words; by default that in its logs.
+        Mounting of the compass during the recording, in the target's words; by default that in the logs.
     noise : bool
         Also write the noise of the compass, as parameters of the vehicle's estimator.
     lossy, name
@@ -70,7 +70,7 @@ def export_fit(
     -------
     Export
     list of str
-        Sentences on the compass; empty if it is unknown, or is the requested one.
+        Sentences on the compass; empty if it is unknown, or the requested one.
     """
     if target.compasses:
         refuse_on_top(fit, target.name)
@@ -112,7 +112,7 @@ def _refuse_left_handed(fit: Fit, target: Target) -> None:
 
 
 def fitting_command(fit: Fit, target: Target) -> str:
-    """The command that fits exactly the parameters of a target; empty if no method does."""
+    """Command line that fits exactly the parameters of a target; empty if no method does."""
     method = METHODS_BY_TARGET_KIND.get(target.keeps, "")
     if method not in METHODS:
         return ""
@@ -121,7 +121,7 @@ def fitting_command(fit: Fit, target: Target) -> str:
 
 
 def _accuracy_words(fit: Fit, trial: Trial) -> str:
-    """Heading error with the parameters that a target holds, in words; the others count as an error."""
+    """Heading error in words if only the parameters that a target holds are corrected."""
     error, claim = level_turn_error(fit, trial), fit.claim
     worst, bound = math.hypot(error.worst, claim.heading_error_deg.worst), error.worst + claim.heading_bound_deg
     within = f"95 % within {figures(bound)}°" if bound < ANY_ANGLE_DEG else "1 σ"
@@ -129,7 +129,7 @@ def _accuracy_words(fit: Fit, trial: Trial) -> str:
 
 
 def level_turn_error(fit: Fit, trial: Trial) -> HeadingError:
-    """Level heading error from parameters that a target does not hold, without its mean over one turn."""
+    """Level heading error from the parameters that a target does not hold, without the mean over one turn."""
     claim, down = fit.claim, down_direction(fit.claim.plane)
     heading, fields = level_turn(claim.known_dip_deg, down)
     corrected = trial.corrected(fields.T) @ (np.eye(3) if down is None else upright(down))
@@ -154,16 +154,16 @@ def _compass_of(fit: Fit, target: Target, asked: int | None) -> tuple[int | None
 
 
 def known_numbers(fit: Fit, autopilot: str, attribute: str) -> set[int]:
-    """Known values of ``compass`` or ``device_id`` in the logs of an autopilot that a fit was made from."""
+    """Known values of ``compass`` or ``device_id`` in those logs of a fit that come from an autopilot."""
     values = (getattr(file, attribute) for file in fit.provenance.files if file.autopilot == autopilot)
     return {value for value in values if value is not None}
 
 
 def mounting_of(fit: Fit, target: Target, words: str | None) -> Floats | None:
-    """(3, 3) rotation of the compass's mounting when it was recorded; None if neither `words` nor the logs state it.
+    """(3, 3) rotation by the mounting of the compass during the recording, from `words` or else from the logs.
 
-    The word for a mounting without rotation is ``none``. Raises `UsageError` for unknown words, or a target without
-    mountings.
+    None if neither states it. The word for a mounting without rotation is ``none``. Raises `UsageError` for unknown
+    words, or a target without mountings.
     """
     if words is not None and words.strip().casefold() == NO_ROTATION and target.refuses_mounted:
         return np.eye(3)
@@ -174,18 +174,18 @@ def mounting_of(fit: Fit, target: Target, words: str | None) -> Floats | None:
 
 
 def known_mountings(fit: Fit, autopilot: str = "") -> set[Angles]:
-    """Known mountings, as roll, pitch and yaw, in the logs that a fit was made from.
+    """Known mountings in the logs of a fit, as roll, pitch and yaw in degrees.
 
-    `autopilot` selects its logs; by default all.
+    `autopilot` selects logs of this autopilot; by default all logs are used.
     """
     known = {file.mounting for file in fit.provenance.files if autopilot in ("", file.autopilot)}
     return {mounting for mounting in known if mounting is not None}
 
 
 def only_number(fit: Fit, known: set[int], what: str, keyword: str) -> int | None:
-    """The only known number or device id; None if none is known.
+    """The number or device id in `known`; None if it is empty.
 
-    Raises `UsageError` for several; its hint is the keyword that selects one.
+    Raises `UsageError` for several numbers; the hint of the error is the keyword that selects one.
     """
     if len(known) > 1:
         raise UsageError(
@@ -207,9 +207,9 @@ def refuse_unfit(fit: Fit) -> None:
 
 
 def refuse_on_top(fit: Fit, autopilot: str) -> None:
-    """Refuse a calibration of already corrected readings for an autopilot; raises `NotExportable`.
+    """Raise `NotExportable` for an autopilot if the fit is of readings that the autopilot had already corrected.
 
-    The autopilot would replace its own calibration by one that only adds to it.
+    The autopilot would replace its own calibration by one that must be applied in addition to it.
     """
     logged = [file.name for file in fit.provenance.files if file.as_logged]
     if logged:
@@ -226,7 +226,7 @@ def refuse_on_top(fit: Fit, autopilot: str) -> None:
 def origin_lines(fit: Fit, held: str = "") -> list[str]:
     """Lines on the origin of a fit, its claim and its limits.
 
-    `held` is the claim for the parameters that a target holds, in words; empty if it holds all.
+    `held` is the claim in words for the parameters that a target holds; empty if the target holds all.
     """
     sensor = f", sensor {fit.calibration.sensor}" if fit.calibration.sensor else ""
     until = good_until(fit)
@@ -247,16 +247,16 @@ def verdict_lines(fit: Fit) -> list[str]:
 
 
 def limit_lines(fit: Fit, but: str = "") -> list[str]:
-    """Lines on the limits of a calibration, as in its file, without the finding of the code `but`."""
+    """Lines on the limits of a calibration, as in its file, except for the finding with the code `but`."""
     limits = (finding for finding in fit.findings if finding.severity == "limits" and finding.code != but)
     return [f"limited: {finding.advice}" for finding in limits]
 
 
 def _mounting_covariance(fit: Fit, mounting: Floats | None) -> Floats | None:
-    """(3, 3) rad²: covariance of the mounting of the sensor, in body axes; None if unknown.
+    """(3, 3) covariance of the sensor's mounting in rad², in body axes; None if unknown.
 
-    `mounting` is the (3, 3) rotation of readings that were recorded in the sensor's axes; None for readings in the axes
-    of the vehicle, for which the calibration's own mapping is undone.
+    `mounting` is the (3, 3) rotation by the mounting, for readings that were recorded in the sensor's axes. It is None
+    for readings in the axes of the vehicle; the calibration's own mapping of axes is then undone.
     """
     aiding, calibration = fit.evidence.aiding, fit.calibration
     covariance = None if aiding is None else aiding.rotation_covariance

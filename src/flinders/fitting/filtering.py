@@ -30,10 +30,10 @@ if TYPE_CHECKING:
     from flinders.heading.smoothing import Filter
 
 MAX_EFFECT_DEG: Final = 180.0
-"""Effect of a filter on the heading if there is no fit without it to compare with."""
+"""Effect of a filter on the heading, in degrees, if no fit without the filter exists for comparison."""
 
 FINDINGS_OF_READINGS: Final = ("saturated", "stale-repeats")
-"""Findings on single readings: a filter hides them and a median creates them, so that unfiltered readings count."""
+"""Findings on single readings, taken from unfiltered readings: a filter hides them, and a median causes them."""
 
 
 def fit_filtered(
@@ -48,9 +48,9 @@ def fit_filtered(
     Parameters
     ----------
     parts : sequence of Recording
-        Of one sensor.
+        Recordings of one sensor.
     by : Filter or None
-        Without a filter the recordings are fitted as they are.
+        The filter; None to fit the recordings as they are.
     notice : callable
         Called with a line of advice if there is a calibration only without the filter; ignored by default.
     **options
@@ -81,7 +81,7 @@ def fit_filtered(
 
 
 def _try_fit(recording: Recording, options: dict[str, Any]) -> tuple[Fit | None, FitError | None]:
-    """A fit, also if it is refused, and the refusal."""
+    """Fit by `flinders.fit`; returns the fit, also a refused one, and the error of a refused or failed fit."""
     try:
         return fit(recording, **options), None
     except Refused as refused:
@@ -93,10 +93,11 @@ def _try_fit(recording: Recording, options: dict[str, Any]) -> tuple[Fit | None,
 def filtered_finding(fit: Fit, plain: Fit | None, by: Filter, dropped: int) -> Finding:
     """Finding on the effect of a filter on the heading and on the strength of the field.
 
-    It is a note if the effect is within the claim; a limit beyond, or if only the fit with the filter is refused.
+    The finding is a note if the effect is within the claim. It is a limit for a larger effect, or if only the fit with
+    the filter is refused.
 
-    `fit` and `plain` are the fits with and without the filter, `plain` None if there is none; `dropped` is the count of
-    readings that the filter dropped.
+    `fit` is the fit with the filter, `plain` that without it, or None if it failed; `dropped` is the count of readings
+    that the filter dropped.
     """
     claimed = fit.heading_error_deg.worst
     moved, smaller = (MAX_EFFECT_DEG, 0.0) if plain is None else _effect(fit, plain)

@@ -1,4 +1,4 @@
-"""A calibration file as a `Fit`, with its numbers but without readings.
+"""Reading of a calibration file as a `Fit`, which has the numbers of the fit but not its readings.
 
 Values that the file does not state are NaN, None or empty. Methods that need readings raise `NeedsRecording`.
 
@@ -69,7 +69,7 @@ def fit_from(document: Document, *, name: str = "calibration") -> Fit:
 
 
 def _with_record(fit: Fit, record: Fitted) -> Fit:
-    """A fit with the values that its file states."""
+    """Add the values that a calibration file states to a fit."""
     evidence = Evidence(
         method=record.method,
         samples=record.samples,
@@ -112,7 +112,7 @@ def _with_error(claim: Claim, error: HeadingErrorRecord, aiding: Aiding | None) 
 
 
 def _with_covariance(fit: Fit, names: tuple[str, ...], whole: Floats) -> Fit:
-    """A fit with the (K, K) covariance of its file.
+    """Add the (K, K) covariance of a calibration file to a fit.
 
     Raises
     ------

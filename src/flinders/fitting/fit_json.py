@@ -1,4 +1,4 @@
-"""A fit as JSON, as printed by ``--json``.
+"""JSON of a fit, as ``--json`` prints it.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -41,8 +41,8 @@ _OF_THE_COVARIANCE: Final = (
 def json_of(fit: Fit) -> dict[str, Any]:
     """A fit as numbers, lists and strings.
 
-    Values of a refused fit that cannot be trusted are None, so that nobody copies them: the calibration and values that
-    follow from it, and for readings in one plane all values of the surface. The evidence is always included.
+    Values of a refused fit that must not be used are None: the calibration, and values that follow from it; for
+    readings in one plane also all values of the ellipsoid. The evidence is always included.
     """
     error, claim, evidence = heading_record(fit.claim), fit.claim, fit.evidence
     diagnosis, residuals = evidence.diagnosis, evidence.residuals

@@ -1,13 +1,13 @@
-"""How long a calibration stays good: until its claim reaches the target or doubles, by walk and by temperature.
+"""How long a calibration stays good: the time until its claimed heading error reaches the target or doubles.
 
-The offset walks by q √t along each axis, and moves by c ΔT. A level heading of a field with the horizontal part H is
-then uncertain by
+In a time t the offset of each axis changes by q √t (a random walk), and with a change ΔT of the temperature by c ΔT. In
+a horizontal field H the variance of a level heading is then
 
     σ² = σ₀² + (q² t + c² ΔT²) / H²
 
-and has doubled, σ = 2 σ₀, when either term is 3 σ₀². The calibration is good until σ reaches the target. Neither rate
-is known for a unit without a history: q is then the prior of the online calibration, and c spans the values of data
-sheets. Both are ranges of 95 %.
+with the claim σ₀ now. The claim has doubled, σ = 2 σ₀, when one of the two terms is 3 σ₀². The calibration is good
+until σ reaches the target. For a unit without a history, q is the prior of the online calibration, and c has the range
+of data sheets. Both are given as a middle value and a 95 % range.
 
 Sources of c: 0.8 µT/K, typical, of the FXOS8700CQ (NXP, data sheet rev. 8, table 4, as quoted by an owner who measured
 0.73), 0.003 µT/K of a factory-compensated module (CGM92AD10).
@@ -47,25 +47,25 @@ if TYPE_CHECKING:
     from flinders.fitting.evidence import Evidence
 
 DOUBLED_GROWTH: Final = 3.0
-"""Added variance of a doubled claim, over the variance of the claim."""
+"""Variance that doubles the claim when it is added, relative to the variance of the claim."""
 
 PRIOR_PER_KELVIN: Final = Walk(0.05, 0.003, 0.8)
-"""µT/K: temperature coefficient of the offset, if the fit does not follow it; middle and range of data sheets."""
+"""Temperature coefficient of the offset in µT/K for a fit that does not follow it: middle and range of data sheets."""
 USUAL_FIELD_UT: Final = 50.0
-"""Assumed field strength in µT, to convert a temperature coefficient in µT/K for readings in counts."""
+"""Assumed field strength in µT, by which the temperature coefficient is converted for readings in counts."""
 
 MAX_S: Final = 100 * 365.25 * 86400.0
-"""Longest time that is stated, 100 years."""
+"""Longest time that is stated: 100 years in s."""
 
 MAX_KELVIN: Final = 100.0
-"""Largest change of temperature that is stated; no sensor is exposed to more."""
+"""Largest change of temperature in K that is stated; no sensor is exposed to a larger one."""
 
 DIGITS: Final = 3
-"""Significant digits of stored values, as a rate is only known within a factor."""
+"""Count of significant digits of stored values; the rate is only known within a factor."""
 
 
 class HasWalk(Protocol):
-    """Provenance with the walk of a unit."""
+    """Provenance with the random walk of a unit's offset."""
 
     @property
     def walk(self) -> Walk | None:
@@ -98,60 +98,65 @@ class JudgedFit(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class GoodUntil:
-    """How long a claim stays within its target and until it doubles: a middle time and its 95 % range."""
+    """Times until a claim reaches its target and until it has doubled: a middle time and its 95 % range."""
 
     claim_deg: float  #: worst heading error of a level vehicle now, 1 σ
     field: float  #: horizontal part of the field, in the calibration's unit
-    walk: Walk  #: of the offset, in the calibration's unit
+    walk: Walk  #: random walk of the offset, in the calibration's unit
     by: Literal["history", "prior"]  #: source of `walk`: the history of this unit, or the prior of all units
-    per_kelvin: Walk | None  #: offset by temperature, in the calibration's unit per K; None if unknown
+    #: temperature coefficient of the offset with its range, in the calibration's unit per K; None if unknown
+    per_kelvin: Walk | None
     temperature_by: Literal["followed", "prior"]  #: whether the fit follows the temperature
     target_deg: float = math.inf  #: worst heading error that is good enough
 
     @property
     def seconds(self) -> float:
-        """Time until the claim has doubled, by the middle rate; at most 100 years."""
+        """Time in s until the claim has doubled, at the middle rate of the walk; at most 100 years."""
         return self._seconds(DOUBLED_GROWTH, self.walk.rate)
 
     @property
     def earliest_s(self) -> float:
-        """Time until the claim has doubled, by the fast end of the walk."""
+        """Time in s until the claim has doubled, at the largest rate of the walk's 95 % range."""
         return self._seconds(DOUBLED_GROWTH, self.walk.high)
 
     @property
     def latest_s(self) -> float:
-        """Time until the claim has doubled, by the slow end of the walk."""
+        """Time in s until the claim has doubled, at the smallest rate of the walk's 95 % range."""
         return self._seconds(DOUBLED_GROWTH, self.walk.low)
 
     @property
     def target_s(self) -> float | None:
-        """Time until the claim reaches the target, by the middle rate; None if it is beyond the target now."""
+        """Time in s until the claim reaches the target, at the middle rate; None if it exceeds the target already."""
         return None if self._target_growth is None else self._seconds(self._target_growth, self.walk.rate)
 
     @property
     def good_s(self) -> float:
-        """Time until the claim reaches the target, or until it has doubled if it is beyond the target now."""
+        """Time in s until the claim reaches the target; until it has doubled if it exceeds the target already."""
         return self.seconds if self.target_s is None else self.target_s
 
     @property
     def temperature_change_kelvin(self) -> float | None:
-        """Change of temperature that doubles the claim, from the recording's or the fit's reference temperature."""
+        """Change of temperature in K that doubles the claim.
+
+        It is counted from the fit's reference temperature if the fit follows the temperature, else from that of the
+        recording.
+        """
         return None if self.per_kelvin is None else self._shift(DOUBLED_GROWTH) / self.per_kelvin.rate
 
     @property
     def temperature_range_kelvin(self) -> tuple[float, float] | None:
-        """Smallest and largest change of temperature that may double the claim, by the range of the coefficient."""
+        """Smallest and largest change of temperature in K that may double the claim, by the coefficient's range."""
         if self.per_kelvin is None:
             return None
         return self._shift(DOUBLED_GROWTH) / self.per_kelvin.high, self._shift(DOUBLED_GROWTH) / self.per_kelvin.low
 
     def claim_deg_after(self, seconds: float, rate: float | None = None) -> float:
-        """Worst heading error, 1 σ, after a time at a rate of the walk, by default the middle rate."""
+        """Worst heading error in degrees, 1 σ, after a time in s, at a rate of the walk, by default the middle one."""
         moved = (self.walk.rate if rate is None else rate) * math.sqrt(max(seconds, 0.0) / HOUR_S)
         return min(math.hypot(self.claim_deg, math.degrees(moved / self.field)), 180.0)
 
     def doubled_date(self, since: datetime) -> datetime:
-        """Date when the claim of a calibration of the date `since` has doubled."""
+        """Date at which the claim has doubled; `since` is the date of the recording."""
         return since + timedelta(seconds=round(self.seconds))
 
     def to_record(self, since: datetime | None = None) -> GoodUntilRecord:
@@ -185,7 +190,7 @@ class GoodUntil:
 
     @property
     def range_words(self) -> str:
-        """Words for the range of `good_s`, the source of the walk, and the equivalent change of temperature."""
+        """Words for the range of `good_s`, the source of the walk, and the change of temperature with equal effect."""
         return f"{self._walk_words} ({self._ends}){self._kelvins(self._growth, has_ends=False)}"
 
     @property
@@ -195,7 +200,7 @@ class GoodUntil:
 
     @property
     def _growth(self) -> float:
-        """Added variance at the limit, over the variance of the claim."""
+        """Variance that is added when the limit of the claim is reached, relative to the variance of the claim."""
         return DOUBLED_GROWTH if self._target_growth is None else self._target_growth
 
     @property
@@ -204,7 +209,7 @@ class GoodUntil:
 
     @property
     def _ends(self) -> str:
-        """Words for the range of the time, by the ends of the walk."""
+        """Words for the range of the time, by the 95 % range of the walk."""
         return " to ".join(duration_text(self._seconds(self._growth, rate)) for rate in (self.walk.high, self.walk.low))
 
     @property
@@ -213,7 +218,10 @@ class GoodUntil:
         return f"{duration_text(self.good_s)} {self._walk_words} ({self._ends})"
 
     def _kelvins(self, growth: float, *, has_ends: bool = True) -> str:
-        """Words for the change of temperature that adds a variance; empty if the coefficient is unknown."""
+        """Words for the change of temperature that adds the variance `growth`; empty without a known coefficient.
+
+        `growth` is relative to the variance of the claim.
+        """
         if self.per_kelvin is None:
             return ""
         shift = self._shift(growth)
@@ -228,21 +236,24 @@ class GoodUntil:
 
     @property
     def _target_growth(self) -> float | None:
-        """Added variance at the target, over that of the claim; None if the claim is beyond the target now."""
+        """Variance that is added when the claim reaches the target, relative to that of the claim now.
+
+        None if the claim exceeds the target already.
+        """
         is_within = self.claim_deg < self.target_deg < math.inf
         return (self.target_deg / self.claim_deg) ** 2 - 1.0 if is_within else None
 
     def _shift(self, growth: float) -> float:
-        """Change of the offset that adds a variance `growth`, in the calibration's unit."""
+        """Change of the offset in the calibration's unit that adds the variance `growth`, relative to the claim's."""
         return math.sqrt(growth) * math.radians(self.claim_deg) * self.field
 
     def _seconds(self, growth: float, rate: float) -> float:
-        """Time until the walk at a rate adds a variance `growth`; at most 100 years."""
+        """Time in s until the walk at a rate adds the variance `growth`, relative to the claim's; at most 100 years."""
         return min(HOUR_S * (self._shift(growth) / rate) ** 2, MAX_S)
 
 
 def good_until(fit: JudgedFit, *, walk: Walk | None = None) -> GoodUntil | None:
-    """How long a fit stays good; None for a fit that is refused or has no claim.
+    """Compute how long a fit stays good; None for a fit that is refused or has no claim.
 
     Parameters
     ----------
@@ -296,7 +307,7 @@ def _usual_per_kelvin(fit: JudgedFit) -> Walk:
 
 
 def _followed_per_kelvin(fit: JudgedFit) -> Walk | None:
-    """1 σ of the fitted coefficient along its least known axis; None if the fit has no covariance of it."""
+    """1 σ of the fitted temperature coefficient along its least known axis; None without its covariance."""
     whole = fit.evidence.disturbances.covariance
     if whole is None:
         return None

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit
 
 DECIMALS: Final = 8
-"""Decimals of exported numbers, which are at most about 1 and in single precision."""
+"""Count of decimals of exported numbers, which are at most about 1 and in single precision."""
 
 
 def heading_model_of(fit: Fit) -> HeadingModel | None:
@@ -50,8 +50,8 @@ def heading_model_of(fit: Fit) -> HeadingModel | None:
 def _factor(covariance: Floats, turn: Floats, strength: float) -> Floats:
     """(9, 9) upper triangular U, such that UᵀU is the covariance of R b and of R S Rᵀ / F.
 
-    It is computed by eigenvectors and QR, as a covariance may be singular. Entries are rounded to `DECIMALS` in
-    standard deviations of their column.
+    U is computed by eigenvectors and QR, because a covariance may be singular. Entries are rounded to `DECIMALS`
+    relative to the standard deviation of their column.
     """
     turned = np.zeros((9, 9))
     turned[:3, :3] = turn

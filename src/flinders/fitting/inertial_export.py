@@ -1,8 +1,8 @@
 """Export of the calibration of an accelerometer and a gyro to a target, with a magnetometer or alone.
 
-A fit with aiding sensors has both in the axes of corrected readings; a target that corrects recorded readings gets
-them in the recorded axes. An autopilot logs accelerations and rates after its own calibration, so that a calibration
-from such a log is not exported to it.
+A fit with aiding sensors has both calibrations in the axes of corrected readings. For a target that corrects recorded
+readings they are converted to the recorded axes. An autopilot logs accelerations and rates after its own calibration,
+so that a calibration from such a log cannot be exported to that autopilot.
 
 >>> import numpy as np
 >>> from flinders.core.inertial import Triad
@@ -37,14 +37,14 @@ SENSORS: Final = ("accelerometer", "gyro")
 
 
 def inertial_of(fit: Fit, target: Target, sensors: Sequence[str]) -> Inertial:
-    """Calibrations of `sensors` by a fit, in the axes of the target; empty without `sensors`.
+    """Calibrations of the requested `sensors` by a fit, in the axes of the target; empty without `sensors`.
 
     Raises
     ------
     UsageError
         For sensors that are unknown, that the target does not hold, or that the fit did not calibrate.
     NotExportable
-        For a fit to an autopilot's log and that autopilot as target, as it logs accelerations after its own
+        For a fit of an autopilot's log with this autopilot as target, because it logs accelerations after its own
         calibration.
     """
     if not sensors:
@@ -74,7 +74,10 @@ def inertial_of(fit: Fit, target: Target, sensors: Sequence[str]) -> Inertial:
 
 
 def form_of(target: Target, sensors: Sequence[str]) -> InertialForm:
-    """Form in which a target holds accelerometer or gyro; `UsageError` if it holds none, or for an unknown sensor."""
+    """Form in which a target holds the calibrations of `sensors`.
+
+    Raises `UsageError` if the target holds none of these, or for an unknown sensor.
+    """
     unknown = [name for name in sensors if name not in SENSORS]
     if unknown:
         raise UsageError(f"sensor {unknown[0]!r} is not known: use {' or '.join(SENSORS)}")
@@ -88,7 +91,7 @@ def form_of(target: Target, sensors: Sequence[str]) -> InertialForm:
 def add_inertial(
     export: Export, target: Target, inertial: Inertial, asked: Asked = FIRST_IMU, *, lossy: bool = False
 ) -> Export:
-    """Export of a magnetometer's calibration, with accelerometer and gyro added; raises as `write_inertial`."""
+    """Add accelerometer and gyro to the export of a magnetometer's calibration; raises as `write_inertial`."""
     if not inertial or target.inertial is None:
         return export
     form = target.inertial
@@ -107,7 +110,7 @@ def add_inertial(
 
 
 def export_inertial(target: Target, inertial: Inertial, asked: Asked = FIRST_IMU, *, lossy: bool = False) -> Export:
-    """Export of the calibrations of accelerometer and gyro alone, as far as the target holds them.
+    """Export the calibrations of accelerometer and gyro alone, as far as the target can hold them.
 
     Raises
     ------

@@ -66,7 +66,7 @@ def _bias_deg(estimate: Estimate, dip_deg: float) -> float:
 
 
 def judge(widened: Widened, found: Estimated, calibration: Calibration, request: Request) -> Fit:
-    """Judge an estimate and put its claim, evidence and findings together in a fit."""
+    """Judge an estimate; returns the fit with claim, evidence and findings."""
     record = widened.record
     estimate = found.estimate if record["is_shrunk"] > 0 else widened.estimate
     diagnosis = diagnose(widened, estimate, found, calibration)
@@ -92,7 +92,7 @@ def judge(widened: Widened, found: Estimated, calibration: Calibration, request:
 
 
 def _claim(widened: Widened, judgement: Records, calibration: Calibration, request: Request) -> Claim:
-    """Claim of a calibration, from its record and judgement."""
+    """Claim of a calibration, from the engine's record and judgement."""
     record, estimate = widened.record, widened.estimate
     alignment_deg = float(record["alignment_deg"])
     return Claim(
@@ -127,7 +127,7 @@ def _judgement(
     calibration: Calibration,
     request: Request,
 ) -> tuple[Diagnosis, Records]:
-    """Judge a record with its diagnosis, and again if the judgement requests further tests."""
+    """Judge a record with its diagnosis; if the judgement requests further tests, run them and judge again."""
     asked = judgement_request(calibration, target_deg=request.target_deg)
     aiding, dip_deg = found.aiding, float(record["dip_deg"])
     alignment_deg = None if aiding is None else aiding.alignment_error_deg(dip_deg)
@@ -154,7 +154,7 @@ def _judgement(
 def _disturbances(
     claim: Claim, disturbed: DisturbanceFit | None, unused: tuple[DisturbanceEstimate, ...]
 ) -> Disturbances:
-    """Disturbances of a calibration with their heading errors, before and after compensation."""
+    """Disturbances of a calibration, with their heading errors before and after compensation."""
     if disturbed is None:
         return Disturbances(unused)
     from flinders.estimators.regressors import DisturbanceEstimate

@@ -4,12 +4,12 @@ At a pose the field of the site has a known direction q in the vehicle's axes, a
 
     x̄ = b + S q + S δq + n
 
-with the shape S of the earlier calibration and its uncertainty, the error δq from heading, tilt and dip, and the
-noise n. Generalised least squares with the earlier shape as prior gives the offset b. The covariance includes the error
-of a single pose: each degree of heading error moves the offset by 1/57 of the field, which causes errors at other
+with the shape S of the earlier calibration and its uncertainty, the error δq from heading, tilt and dip, and the noise
+n. Generalised least squares with the earlier shape as prior gives the offset b. The covariance includes the errors of
+the poses: an error of the known heading by 1° moves the offset by 1/57 of the field, which causes errors at other
 headings.
 
-ArduPilot's large vehicle calibration does the same without a claim.
+ArduPilot's large vehicle calibration uses the same method, but states no uncertainty.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -85,23 +85,24 @@ if TYPE_CHECKING:
 METHOD: Final = "known-heading"
 
 CONDITIONS_OF_POSES: Final[tuple[Condition, ...]] = ("same-soft-iron", "uniform-field", "constant-iron")
-"""Conditions of the verdict."""
+"""Conditions of the verdict on a calibration from poses."""
 
 MIN_SHAPE_SIGMA: Final = 1e-4
 """Smallest standard deviation of the shape, as a share of the radius, as in ``refresh.c``."""
 
 BLOCKS_PER_POSE: Final = 10
-"""Blocks of a pose; the scatter of their means gives the error of the overall mean, also with correlated noise."""
+"""Count of blocks of a pose; the scatter of their means gives the error of the mean, also for correlated noise."""
 
 MAX_MOTION_DEG: Final = 5.0
-"""Largest angle from the mean reading; beyond it the vehicle was moved."""
+"""Largest angle of a reading from the mean reading of a vehicle at rest."""
 
 
 @dataclass(frozen=True, slots=True)
 class PoseSigmas:
-    """Errors of a pose, 1 σ, in degrees: its heading, the tilt about each level axis, the dip of the site.
+    """Errors of poses, 1 σ, in degrees: of the heading, of the tilt about each level axis, of the dip of the site.
 
-    `crab_deg` is the amplitude of an error a sin h + b cos h common to all headings, as of courses in steady wind.
+    `crab_deg` is 1 σ of a and b in an error a sin h + b cos h of a heading h, common to all poses, such as the crab
+    angle in steady wind.
     """
 
     heading_deg: float = 1.0
@@ -110,7 +111,7 @@ class PoseSigmas:
     crab_deg: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse values that are no standard deviation of an angle."""
+        """Refuse values that cannot be standard deviations of an angle."""
         for name in ("heading_deg", "tilt_deg", "dip_deg"):
             if not 0.0 < getattr(self, name) <= 45.0:
                 raise UsageError(
@@ -138,7 +139,7 @@ def refresh_at_headings(
     Parameters
     ----------
     poses : sequence of Samples, Recording, (N, 3) array-like, path, open file or data frame
-        A recording of each pose, at rest. Tilt is measured if there is an accelerometer, else the vehicle must be
+        A recording of each pose, at rest. The tilt is measured if there is an accelerometer; else the vehicle must be
         level.
     previous : Fit
         As for `flinders.refresh`.
@@ -154,7 +155,7 @@ def refresh_at_headings(
     Raises
     ------
     Refused
-        If the fit cannot be trusted; the error carries the fit.
+        If the fit cannot be trusted; the error has the fit.
     UsageError
         Without a dip, without a heading for each pose, for a vehicle that was moved, and as for `flinders.refresh`.
 
@@ -214,7 +215,7 @@ def refresh_at_headings(
 
 
 def _with_findings(fit: Fit, chance: float) -> Fit:
-    """The fit with its findings and conditions; raises `Refused` if a finding refuses it."""
+    """Add findings and conditions to a fit; raises `Refused` if a finding refuses it."""
     judgement = Judgement(link_causes(_judge(fit, chance)))
     if judgement.verdict == "refused":
         raise Refused(replace(fit, judgement=judgement))
@@ -222,7 +223,7 @@ def _with_findings(fit: Fit, chance: float) -> Fit:
 
 
 def is_still(field: Floats, shape: Floats) -> bool:
-    """Whether (N, 3) readings stay near their mean, by the median distance, as of a vehicle that is not turned."""
+    """Whether (N, 3) readings are those of a vehicle at rest: their median angle from the mean reading is small."""
     off = np.linalg.norm(np.linalg.solve(shape, (field - field.mean(axis=0)).T), axis=0)
     return math.degrees(float(np.median(off))) <= MAX_MOTION_DEG
 
@@ -284,11 +285,11 @@ class Pose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Equations:
-    """Equations x̄ = b + J s + noise of K poses: (3K, 9) design, (3K,) readings, (3K, 3K) covariance of the noise."""
+    """Linear equations x̄ = b + J s + noise of K poses, with the offset b and the six entries s of the shape."""
 
-    design: Floats
-    readings: Floats
-    covariance: Floats
+    design: Floats  # (3K, 9): derivatives of the mean readings by b and s
+    readings: Floats  # (3K,): mean readings x̄
+    covariance: Floats  # (3K, 3K): covariance of the noise
 
     @classmethod
     def of(
@@ -300,7 +301,7 @@ class _Equations:
         shape: Floats,
         rotation: Floats,
     ) -> Self:
-        """Linearise about the known shape; errors of dip and crab angle are common to all poses."""
+        """Linearize about the known shape; errors of dip and crab angle are common to all poses."""
         size = 3 * len(poses)
         design, dips, turns, covariance = np.empty((size, 9)), np.empty(size), np.empty(size), np.zeros((size, size))
         own = np.square(np.radians([sigmas.heading_deg, sigmas.tilt_deg, sigmas.tilt_deg]))
@@ -336,7 +337,7 @@ class _Equations:
 
 
 def _calibration(ellipsoid: Ellipsoid, previous: Fit, site: Site | None) -> Calibration:
-    """The correction, with the axes and the rotation of the earlier one."""
+    """The calibration of an ellipsoid, with the axes and the rotation of the earlier calibration."""
     known = previous.calibration
     made = Calibration.from_ellipsoid(
         ellipsoid.centre,
@@ -363,11 +364,11 @@ def _judge(fit: Fit, chance: float) -> Iterator[Finding]:
 
 
 MIN_SPEED: Final = 3.0
-"""Smallest speed over ground at which a course is used as a heading, m/s."""
+"""Smallest speed over ground in m/s at which a course is used as a heading."""
 MIN_STRAIGHT_S: Final = 5.0
-"""Duration of the shortest straight stretch."""
+"""Duration in s of the shortest straight stretch."""
 CRAB_SIGMA_DEG: Final = 2.0
-"""Standard deviation of the crab angle, from wind, current or a slope."""
+"""Standard deviation in degrees of the crab angle, from wind, current or a slope."""
 MIN_READINGS: Final = 20
 """Smallest count of readings in a stretch."""
 MAX_STRETCHES: Final = 100
@@ -391,11 +392,11 @@ def stretches(samples: Samples, velocity: TimeSeries, *, slowest: float = MIN_SP
     Parameters
     ----------
     samples : Samples
-        With times.
+        Readings with times.
     velocity : TimeSeries
         (M,) times on the clock of the readings, and (M, 2) velocity over ground in m/s, north and east.
     slowest : float, m/s
-        Smallest speed.
+        Smallest speed at which a course is used.
     """
     if samples.time is None:
         raise UsageError(f"{samples.source} has no times: need a log with times to use courses")
@@ -432,7 +433,7 @@ def refresh_on_courses(
 ) -> Fit:
     """Renew the hard iron of a calibration from the straight stretches of a drive.
 
-    For vehicles that point in their direction of motion; a multirotor does not.
+    The vehicle must point in its direction of motion; a multirotor does not.
 
     Parameters
     ----------
@@ -490,6 +491,6 @@ def refresh_on_courses(
 
 
 def _steady_stretches(straight: Sequence[Stretch], previous: Fit) -> list[Stretch]:
-    """Stretches with a steady field, as on a vehicle that neither rolls nor passes iron."""
+    """Stretches on which the field is steady, because the vehicle neither rolls nor passes iron."""
     shape = symmetric_matrix(known_shape(previous, None).entries)
     return [stretch for stretch in straight if is_still(stretch.samples.field, shape)]

@@ -1,9 +1,9 @@
 """Linearization of nonlinear axes: quadratic and cubic terms that are subtracted from their readings.
 
-Readings are linearized by the terms that the engine finds, and fitted again, until the engine finds no further terms
-(Gauss-Newton, together with the offset about which they apply). The uncertainty of the terms has two effects: its mean
-over all directions changes offset and shape, and is in their covariance; the rest, with possible terms of higher
-order, is an error of the direction at any attitude (`nonlinearity.c`).
+Readings are linearized by the terms that the engine finds, and fitted again, until the engine finds no further terms.
+This is a Gauss–Newton iteration over the terms and the offset about which they apply. The uncertainty of the terms has
+two effects. Its mean over all directions changes offset and shape, and is in their covariance. The rest, with possible
+terms of higher order, is an error of the direction at any attitude (`nonlinearity.c`).
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
     from flinders.native.layouts import Records
 
 MAX_ROUNDS: Final = 12
-"""Largest count of fits; each removes at least nine tenths of the remaining nonlinearity."""
+"""Largest count of fits; each fit removes at least nine tenths of the remaining nonlinearity."""
 
 MAX_READING_RATIO: Final = 1.2
-"""Largest reading of an axis over the field strength at which the linearization is applied."""
+"""Largest reading of an axis, relative to the field strength, to which the linearization applies."""
 
 MAX_CHANGE: Final = 1e-6
 """Change of terms and offset between rounds at convergence, as a share of the field: 0.0001° of heading."""
@@ -40,10 +40,10 @@ class AxisTerms:
     A reading d from the centre has the linear value ``d - radius (quadratic (d / radius)² + cubic (d / radius)³)``.
     """
 
-    quadratic: Floats  # (3,), shares of the field
-    cubic: Floats  # (3,)
+    quadratic: Floats  # (3,): quadratic terms, as shares of the field
+    cubic: Floats  # (3,): cubic terms, as shares of the field
     p_value: float  # probability of terms as large by chance
-    surface: Ellipsoid
+    surface: Ellipsoid  # ellipsoid of the readings from whose centre d is counted
 
     @classmethod
     def of(cls, found: Nonlinearity, surface: Ellipsoid) -> Self:
@@ -74,7 +74,7 @@ class AxisTerms:
         return bool(np.abs(np.concatenate([terms, moved])).max() < MAX_CHANGE)
 
     def corrected_nonlinearity(self, record: Records) -> Nonlinearity:
-        """Corrected nonlinearity and its remaining error, from the record of the linearized readings."""
+        """The nonlinearity that was corrected, with its remaining error from the record of the linearized readings."""
         sigma, level = float(record["nonlinear_sigma_deg"]), math.cos(math.radians(record["dip_deg"]))
         left = math.hypot(sigma, math.degrees(self.beyond_cubic / level))
         return Nonlinearity(
@@ -89,9 +89,9 @@ class AxisTerms:
     def beyond_cubic(self) -> float:
         """Possible effect of terms of higher order on a corrected reading, as a share of the field.
 
-        Cubic terms of the reading and cubic terms of the field differ by 5 q c u⁴ + 3 c² u⁵ and smaller terms. Over all
-        directions u is uniformly distributed on an axis, so that lower orders absorb all but 8/35 P₄ and 8/63 P₅
-        (Legendre's polynomials).
+        A polynomial of third order in the reading, and one in the field, with terms q and c differ by 5 q c u⁴ + 3 c²
+        u⁵ and smaller terms, where u is the component of the field's direction. Over all directions u is distributed
+        uniformly, so that lower orders absorb all but the parts 8/35 P₄ and 8/63 P₅ (Legendre polynomials).
         """
         each = 8.0 / 7.0 * np.abs(self.quadratic * self.cubic) + 8.0 / 21.0 * self.cubic**2
         return float(np.linalg.norm(each))

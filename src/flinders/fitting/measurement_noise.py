@@ -5,10 +5,10 @@ with their covariance C and from noise n with the standard deviation σ on each 
 
     M(q) = G C Gᵀ + σ² S⁻¹S⁻ᵀ
 
-The first part is the same in every reading of a direction, the second is white: `noise_of` gives both. Firmware detects
-a disturbed reading by limits (`gates_of`): the error of the length is F √(qᵀ M q), that of the direction at most the
-root of the largest eigenvalue of M. The limits are those of the worst direction, so that clean readings exceed them no
-more often than stated.
+with the derivative G of the reading by the parameters. The first part is the same in every reading of a direction, the
+second part is white: `noise_of` gives both. Firmware detects a disturbed reading by limits (`gates_of`). They follow
+from 1 σ of the length, F √(qᵀ M q), and of the direction, which is at most the root of the largest eigenvalue of M. The
+limits are those of the worst direction, so that clean readings exceed them no more often than stated.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit
 
 DIRECTIONS: Final = fibonacci(400)
-"""(N, 3) directions at which the error of a reading is computed, for the limits of a disturbed reading."""
+"""(N, 3) directions at which the error of a reading is computed, to find the worst for the limits of `gates_of`."""
 
 
 def noise_of(fit: Fit) -> MeasurementNoise | None:
-    """Noise and remaining error of corrected readings; None if the fit states no noise or no uncertainty.
+    """White noise and constant error of corrected readings; None if the fit states no noise or no uncertainty.
 
     >>> from flinders import fit, simulate
     >>> noise = noise_of(fit(simulate.tumble(seed=1).samples))
@@ -67,7 +67,7 @@ def noise_of(fit: Fit) -> MeasurementNoise | None:
 def field_covariance(fit: Fit, fields: Floats) -> Floats:
     """(N, 3, 3) covariance of (N, 3) corrected readings, in the square of their unit; zero if unknown.
 
-    It has both parts at the direction of each reading, in the axes of the calibration.
+    It is the sum of the constant and the white part at the direction of each reading, in the axes of the calibration.
     """
     if not _is_stated(fit):
         return np.zeros((len(fields), 3, 3))
@@ -80,15 +80,16 @@ def field_covariance(fit: Fit, fields: Floats) -> Floats:
 
 
 def _horizontal_sigma(covariance: Floats, down: Floats | None) -> float:
-    """Standard deviation along a horizontal axis, by the mean of both, of a (3, 3) covariance."""
+    """Standard deviation along a horizontal axis, as rms of the two horizontal axes, by a (3, 3) covariance."""
     vertical = np.array([0.0, 0.0, 1.0]) if down is None else down / np.linalg.norm(down)
     return math.sqrt(max(float(np.trace(covariance) - vertical @ covariance @ vertical), 0.0) / 2.0)
 
 
 def gates_of(fit: Fit) -> Gates | None:
-    """Limits of clean readings of a fit; None if its noise or uncertainty is unknown, or no reading could exceed them.
+    """Limits that clean readings of a fit seldom exceed, for length, change and dip.
 
-    The dip has a limit if the fit found the rotation against an accelerometer or attitude, and the dip.
+    None if the noise or the uncertainty of the fit is unknown, or if no reading could exceed the limits. There is a
+    limit of the dip if the fit found the dip, and the rotation against an accelerometer or attitude.
 
     >>> from flinders import fit, simulate
     >>> gates = gates_of(fit(simulate.tumble(seed=1).samples))
@@ -117,7 +118,7 @@ def _is_stated(fit: Fit) -> bool:
 
 
 def _errors(fit: Fit, directions: Floats, covariance: Floats) -> tuple[Floats, Floats]:
-    """(N, 3, 3) G C Gᵀ in (N, 3) directions, and (3, 3) σ² S⁻¹S⁻ᵀ, relative to the squared field strength."""
+    """Both parts of M, for unit fields: (N, 3, 3) G C Gᵀ in (N, 3) directions, and (3, 3) σ² S⁻¹S⁻ᵀ."""
     inverse = np.linalg.inv(fit.calibration.ellipsoid.shape)
     rows = np.stack(
         [parameter_derivatives(np.tile(row, (len(directions), 1)).T, directions.T) for row in inverse], axis=1

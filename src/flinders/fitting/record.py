@@ -1,4 +1,4 @@
-"""The engine's record of a fit, filled from an estimate, as input of the judgement.
+"""Record of a fit for the engine's judgement, filled from an estimate.
 
 >>> from flinders import simulate
 >>> from flinders.estimators import Readings
@@ -45,7 +45,7 @@ AIDED, AIDED_BY_FIELD, AIDED_BY_ATTITUDE = (
     enum_value("AIDED_BY_ATTITUDE"),
 )
 COMPENSATED, REFRESHED = enum_value("COMPENSATED"), enum_value("REFRESHED")
-"""Sources of a fit other than the readings of one magnetometer, as bits."""
+"""Bits for sources of a fit other than the readings of one magnetometer."""
 
 STATISTICS_FIELDS: Final = (
     "rows", "repeats", "distinct", "rests", "at_rest", "fitted", "fitted_repeats", "fitted_distinct", "step",
@@ -53,13 +53,13 @@ STATISTICS_FIELDS: Final = (
 """Fields of a record with the same names in `Statistics`."""
 
 ASKS_HALVES, ASKS_SWAP = enum_value("ASKS_HALVES"), enum_value("ASKS_SWAP")
-"""Further tests that a judgement requests, as bits."""
+"""Bits of the further tests that a judgement requests."""
 
 ROTATIONS: Final = {"symmetric": 0, "estimated": 2}
-"""Numbers in ``flinders.h`` of the source of a calibration's rotation; any other source is 1, measured."""
+"""Numbers of the source of a calibration's rotation in ``flinders.h``; any other source is 1, measured."""
 
 FIELD_SENSORS: Final = frozenset({"dip", "tilt", "attitude"})
-"""Aiding sensors that use the direction of the field, and err in a field distorted by iron nearby."""
+"""Aiding sensors whose terms use the direction of the field, which iron nearby distorts."""
 
 NUMBER_OF_PLANE: Final[dict[Plane | None, int]] = {None: 0} | {plane: place + 1 for place, plane in enumerate(PLANES)}
 
@@ -67,16 +67,16 @@ NUMBER_OF_PLANE: Final[dict[Plane | None, int]] = {None: 0} | {plane: place + 1 
 def record_of(
     estimate: Estimate, statistics: Statistics, coverage: Coverage | None = None, *, dip_deg: float = 60.0
 ) -> Records:
-    """Record of an estimate, without level errors.
+    """Record of an estimate, without level heading errors.
 
     Parameters
     ----------
     estimate : Estimate
-        With its covariance before widening.
+        Estimate, with its covariance before widening.
     statistics : Statistics
-        Statistics of its readings.
+        Statistics of the readings.
     coverage : Coverage, optional
-        Coverage of its readings.
+        Coverage of the readings.
     dip_deg : float
         Inclination of the field at the site.
     """
@@ -103,12 +103,12 @@ def record_of(
 
 
 def largest_outlier_distance(outliers: Iterable[Outlier]) -> float:
-    """Largest distance of an outlier from the majority; NaN without outliers."""
+    """Largest distance of an outlier from the ellipsoid, in the unit of the readings; NaN without outliers."""
     return max((run.max_distance for run in outliers), default=math.nan)
 
 
 def record_of_ellipsoid(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0) -> Records:
-    """Record of an ellipsoid alone; other fields are unknown."""
+    """Record of an ellipsoid alone; all other fields are unknown."""
     record = engine().record()
     record["centre"], record["shape"], record["radius"] = (
         ellipsoid.centre,
@@ -146,7 +146,7 @@ def _add_statistics(record: Records, statistics: Statistics) -> None:
 
 
 def add_reading(record: Records, statistics: Statistics) -> None:
-    """Add remarks of the reader of a file to a record: unusable rows, and doubts about the readings."""
+    """Add to a record what the reader of the file reports: unusable rows, and doubts about the readings."""
     silent = sum(part.rows for part in statistics.skipped if part.is_silent)
     record["silent"] = silent
     record["skipped"] = sum(part.rows for part in statistics.skipped if part.is_loss and not part.is_silent)
@@ -154,7 +154,7 @@ def add_reading(record: Records, statistics: Statistics) -> None:
 
 
 def _add_rail(record: Records, rail: Rail) -> None:
-    """Add an end of an axis at which the sensor was saturated to a record."""
+    """Add to a record the end of an axis at which the sensor was saturated."""
     end = rail.axis + (3 if rail.end == "highest" else 0)
     record["rails"] |= 1 << end
     record["end_counts"][end] = round(rail.share * float(record["rows"]))
@@ -181,9 +181,10 @@ def add_diagnosis(record: Records, diagnosis: Diagnosis) -> None:
 
 
 def sources_of(aiding: Aiding | None, *, is_aided: bool, is_compensated: bool, is_refreshed: bool) -> int:
-    """Sources of a fit other than the readings of one magnetometer, as bits.
+    """Bits for sources of a fit other than the readings of one magnetometer.
 
-    `is_aided`: other sensors contributed to the ellipsoid; `is_compensated`: disturbances were subtracted.
+    `is_aided` states that other sensors contributed to the ellipsoid, `is_compensated` that disturbances were
+    subtracted, `is_refreshed` that the shape is that of an earlier calibration.
     """
     kept = set() if aiding is None else {sensor.name for sensor in aiding.sensors if sensor.is_used}
     return (
@@ -196,7 +197,7 @@ def sources_of(aiding: Aiding | None, *, is_aided: bool, is_compensated: bool, i
 
 
 def judgement_request(calibration: Calibration, *, target_deg: float) -> Records:
-    """Request for the judgement of a calibration, without further shrinkage."""
+    """Request for the judgement of a calibration whose estimate is not shrunk further."""
     return engine().request(
         target_deg=target_deg,
         field_strength=calibration.field_strength,
@@ -211,11 +212,12 @@ def judgement_request(calibration: Calibration, *, target_deg: float) -> Records
 def expected_error(
     ellipsoid: Ellipsoid, covariance: Floats, *, dip_deg: float, distortion: float = 0.0
 ) -> tuple[HeadingError, float]:
-    """Heading error of a level vehicle, and its part that depends on the direction, in degrees.
+    """Heading error of a level vehicle, and the part of it that depends on the field's direction, in degrees.
 
     Parameters
     ----------
     ellipsoid : Ellipsoid
+        Ellipsoid of the readings.
     covariance : (9, 9) float
         Claimed covariance of offset and shape, in the square of the unit.
     dip_deg : float

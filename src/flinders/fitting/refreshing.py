@@ -1,7 +1,7 @@
-"""Renewal of a calibration: the soft iron of an earlier one, and the hard iron from some seconds of recording.
+"""Renewal of a calibration: the soft iron is that of an earlier calibration, the hard iron is from a short recording.
 
-A change on a vehicle, such as a battery, a load or a camera, mostly changes hard iron. Soft iron and gains stay, and
-are known from the earlier calibration with their uncertainty. So the prior of the shape S of the ellipsoid is
+A new battery, load or camera on a vehicle mostly changes the hard iron. Soft iron and gains stay, and are known from
+the earlier calibration with their uncertainty. The prior of the shape S of the ellipsoid is therefore
 
     S ~ N(f S₀, f² C₀ + σ² S₀ S₀ᵀ)
 
@@ -10,8 +10,8 @@ ratio f of both strengths if a site states it, else 1. The offset is free. The e
 (``refresh.c``); with aiding sensors `flinders.estimators.aiding` continues from there. If the readings contradict the
 shape, they are fitted again with a prior that allows a change, and the verdict is limited.
 
-A few readings within 30° seldom show a change of the soft iron by 1 %, which causes a heading error of 1°
-(``python -m benchmarks.refresh``). Therefore a good verdict states the condition that the soft iron is the same.
+A short recording within 30° seldom shows a change of the soft iron by 1 %, which causes a heading error of 1°
+(``python -m benchmarks.refresh``). Therefore a good verdict has the condition that the soft iron is the same.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -85,12 +85,12 @@ UNFIT_REASONS: Final = {
     "disturbed": "{name} follows {disturbances}, a refreshed offset does not: calibrate again with {disturbances}",
     "linearized": "{name} linearizes its axes about its own offset: calibrate again, from a full tumble",
 }
-"""Reasons why an earlier calibration cannot be renewed, in the words of the live page too."""
+"""Reasons why an earlier calibration cannot be renewed, in words, also for the live page."""
 
 OTHER_UNIT: Final = "{source} is in {unit}, {name} is for readings in {other}: record in the unit of that calibration"
-"""Message for readings in another unit than those of the earlier calibration."""
+"""Message if the unit of the readings differs from that of the earlier calibration."""
 OTHER_AXES: Final = "{source} has axes {axes}, {name} has {other}: read it with the axes of the calibration"
-"""Message for readings in other axes than those of the earlier calibration."""
+"""Message if the axes of the readings differ from those of the earlier calibration."""
 
 
 @check_keywords(PARAMETERS_ELSEWHERE)
@@ -110,8 +110,8 @@ def refresh(
     source : Samples, Recording, (N, 3) array-like, path, open file or data frame
         Readings in the unit and axes of `previous`, or a source for `flinders.read`.
     previous : Fit
-        The earlier calibration of this sensor, fitted or loaded from its file. Without a covariance its shape counts
-        as known to 2 % (`SHAPE_SIGMA`).
+        The earlier calibration of this sensor, fitted or loaded from its file. If it states no covariance, its shape is
+        assumed to be known to 2 %, 1 σ (`SHAPE_SIGMA`).
     aiding : str, sequence of str or Instruments
         Names of other recorded sensors to use, as for `flinders.fit`.
     site : Site, optional
@@ -119,19 +119,19 @@ def refresh(
         the earlier calibration is assumed, to 1 % (`STRENGTH_SIGMA`). Headings are judged at its inclination, else at
         that of `previous`.
     soft_iron_sigma : float
-        Possible change of the soft iron, 1 σ, as a share; 0 for none.
+        Possible change of the soft iron since then, 1 σ, as a share of the radius; 0 for none.
     target_deg : float
         Worst heading error that is good enough, in degrees.
 
     Returns
     -------
     Fit
-        With `Diagnosis.refreshed`.
+        The new fit; `Diagnosis.refreshed` states the changes since `previous`.
 
     Raises
     ------
     FitError
-        `Refused`, with the fit, if the fit cannot be trusted.
+        If the readings give no ellipsoid; `Refused`, which has the fit, if the fit cannot be trusted.
     UsageError
         For an earlier calibration that cannot be renewed, or numbers out of range; its subclasses `UnitError` and
         `AxesError` for a recording with another unit or other axes.
@@ -177,7 +177,7 @@ def refresh(
 
 
 def earlier_record(previous: Fit, site: Site | None = None, *, soft_iron_sigma: float = 0.0) -> Records:
-    """Row of the engine's `EARLIER`: shape and covariance of an earlier calibration, in the field of a site."""
+    """Row of `EARLIER` for the engine: shape and covariance of an earlier calibration, in the field of a site."""
     calibration, claim = previous.calibration, previous.claim
     strength = strength_of(calibration, site)
     return engine().make_earlier(
@@ -204,7 +204,7 @@ def known_shape(previous: Fit, site: Site | None = None) -> KnownShape:
 
 
 def _known_shape(earlier: Records) -> KnownShape:
-    """The shape in a row of the engine's `EARLIER`, with its uncertainty."""
+    """The shape and its covariance in a row of `EARLIER`."""
     return KnownShape(earlier["parameters"][3:].copy(), earlier["covariance"].reshape(9, 9)[3:, 3:].copy())
 
 
@@ -241,7 +241,7 @@ def samples_of(source: AnyReadings, previous: Fit) -> Samples:
 
 
 def strength_of(calibration: Calibration, site: Site | None) -> float | None:
-    """Length of corrected readings: strength of the site, else of the earlier calibration; None if unknown."""
+    """Length of corrected readings: strength of the site if known, else of the earlier calibration; None if unknown."""
     if not calibration.field_strength_known:
         return None
     there = None if site is None else site.length or site.strength
@@ -285,7 +285,7 @@ def _solve(readings: Readings, earlier: Records, dip_deg: float) -> _RefreshEsti
 def _solve_aided(
     samples: Samples, alone: _RefreshEstimate, earlier: Records, aiding: Instruments, **options: Any
 ) -> _RefreshEstimate:
-    """Estimate with aiding sensors, starting at the estimate `alone`; `options` are those of `fit_with_aids`."""
+    """Estimate with aiding sensors, from the estimate `alone` as start; `options` are those of `fit_with_aids`."""
     options |= {"start": alone.estimate.ellipsoid, **aiding.sigmas}
     (same, reported), (changed, reported_freer) = (
         fit_with_aids(samples, aiding.request, shape=_known_shape(each), **options)
@@ -300,7 +300,7 @@ def _solve_aided(
 
 
 def changes_since(previous: Fit, ellipsoid: Ellipsoid, dip_deg: float, soft_iron_p_value: float = 1.0) -> Refreshed:
-    """Changes since an earlier calibration, and the heading error of a level vehicle that they would cause now."""
+    """Changes since an earlier calibration, and the heading error that they cause if that calibration is still used."""
     change = ellipsoid.centre - previous.calibration.offset
     off = Ellipsoid(np.linalg.solve(previous.calibration.ellipsoid.shape, change), np.eye(3))
     worst = raw_error(off, dip_deg=dip_deg).worst
@@ -308,7 +308,7 @@ def changes_since(previous: Fit, ellipsoid: Ellipsoid, dip_deg: float, soft_iron
 
 
 def with_rotation_of(calibration: Calibration, previous: Fit) -> Calibration:
-    """The correction, into the axes of readings corrected by the earlier calibration."""
+    """The calibration with the rotation of the earlier one, so that corrected readings have the same axes."""
     rotation = previous.calibration.rotation
     return (
         replace(calibration, matrix=previous.calibration.rotation_matrix @ calibration.matrix, rotation=rotation)

@@ -1,4 +1,4 @@
-"""Request for a fit: the site, the target, the prior and the aiding sensors, for any method.
+"""Request for a fit by any method: site, target, prior and aiding sensors.
 
 >>> request = Request.of(target_deg=2.0)
 >>> request.target_deg, request.dip_deg, request.dip_assumed
@@ -35,9 +35,9 @@ class Request:
     target_deg: float = 1.0
     dip_deg: float = ASSUMED_DIP_DEG
     dip_assumed: bool = False
-    field_strength: float | None = None  # length of corrected readings; by default the fitted radius
+    field_strength: float | None = None  # length of corrected readings; None for the fitted radius
     alignment_sigma_deg: float | None = None
-    site: Site | None = None  # values of the site that are priors of the fit
+    site: Site | None = None  # the site reduced to values with an uncertainty, which are priors of the fit
     prior: float | None = SOFT_IRON_SPREAD
     instruments: Instruments | None = None
 
@@ -58,7 +58,7 @@ class Request:
 
     @property
     def likelihood(self) -> Auto:
-        """The likelihood estimator, with which claims of other methods are compared."""
+        """The estimator `Auto`, with whose claims those of other methods are compared."""
         return Auto(self.prior, dip_deg=self.dip_deg)
 
 
@@ -89,7 +89,7 @@ def refuse_combinations(
 
 
 def estimator_of(method: str | Estimator, request: Request) -> Estimator:
-    """Estimator by its name or as given, with its parameters of the site.
+    """Estimator of a method by its name, or as given, with options from the site.
 
     Raises
     ------

@@ -1,6 +1,6 @@
-"""`Fit` is the only result: a calibration with its evidence, the claim that follows, its judgement and its provenance.
+"""`Fit`, the result of each fit: calibration, evidence, claim, judgement and provenance.
 
-It has five values, and the most used properties of these; all others are in the five.
+A fit has these five values as attributes. Their most used properties are also attributes of the fit itself.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -81,14 +81,14 @@ class Outcome:
     def save(
         self, path: str | os.PathLike[str], *, force: bool = False, provenance: ProvenanceRecord | None = None
     ) -> None:
-        """Write the calibration file, whole or not at all.
+        """Write the calibration file atomically.
 
         Raises
         ------
         OutputExists
-            Where there is a file already, unless `force`.
+            If the file exists, unless `force`.
         OutputError
-            Where it cannot be written.
+            If the file cannot be written.
         """
         write(self.to_document(provenance), path, force=force)
 
@@ -98,14 +98,14 @@ class Judgement(Judged):
     """Findings, conditions and verdict of a fit."""
 
     findings: tuple[Finding, ...] = ()  #: most severe first
-    #: conditions of the verdict that a recording of this kind cannot show: that the field is the same wherever the
-    #: sensor was, and that neither current nor iron near it changed with its attitude. Other evidence removes them.
+    #: conditions of the verdict, which a recording of this kind cannot test: for example, that the field was uniform,
+    #: and that no current or iron near the sensor changed with the attitude
     conditions: tuple[Condition, ...] = ()
     stated_verdict: Verdict | None = None  #: verdict in the file, if its findings do not explain it
 
     @property
     def verdict(self) -> Verdict:
-        """``good``, ``limited`` or ``refused``, by the most severe finding or the file."""
+        """``good``, ``limited`` or ``refused``, by the most severe finding or the calibration file."""
         verdicts = {self.stated_verdict, Judged.verdict.__get__(self)}
         return next(verdict for verdict in VERDICTS.values() if verdict in verdicts)
 
@@ -115,17 +115,17 @@ class Judgement(Judged):
 
     @property
     def is_flat(self) -> bool:
-        """Whether the readings lie in one plane, so that no ellipsoid and no number of one can be trusted."""
+        """Whether the readings lie in one plane, so that no number of the ellipsoid can be trusted."""
         return any(finding.code == "one-plane" for finding in self.findings)
 
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Provenance(ShortRepr):
-    """Name of a fit in messages, and its origin as its file states it."""
+    """Name of a fit in messages, and its origin: release, date and recordings."""
 
-    name: str = "fit"  #: of a loaded fit, the path of its file
-    record: ProvenanceRecord | None = None  #: release, date and recordings, if the file states them
-    #: the readings as given, only in the process that fitted them: a file, a pickle and a copy lack them
+    name: str = "fit"  #: name in messages; for a loaded fit the path of its file
+    record: ProvenanceRecord | None = None  #: release, date and recordings, if the calibration file states them
+    #: the readings; only in the process that fitted them, as files, pickles and copies do not contain them
     recording: Recording | None = None
     walk: Walk | None = None  #: random walk of the offset of this unit, if its history is known
 
@@ -143,9 +143,9 @@ class Provenance(ShortRepr):
 class Fit:
     """A calibration with its evidence, claim, judgement and provenance, and the most used properties of these."""
 
-    calibration: Calibration  #: the correction; null in ``--json`` if refused
+    calibration: Calibration  #: the correction; null in ``--json`` if the fit is refused
     evidence: Evidence  #: method of the calibration, and properties of its readings
-    claim: Claim  #: its covariance, and the errors that follow from it
+    claim: Claim  #: covariance of the calibration, and the errors that follow from it
     judgement: Judgement  #: findings, verdict, and conditions of the verdict
     provenance: Provenance = Provenance()  #: name in messages; release, date and recordings of a loaded file
 
@@ -156,7 +156,7 @@ class Fit:
     def plot(
         self, kind: str = "sphere", recording: AnyReadings | None = None, *, ax: Axes | None = None
     ) -> Figure | Axes:
-        """Draw the fit as a figure for a notebook, or into given axes.
+        """Draw a figure of the fit, for a notebook or into given axes of matplotlib.
 
         Parameters
         ----------
@@ -188,14 +188,14 @@ class Fit:
     def save(
         self, path: str | os.PathLike[str], *, force: bool = False, provenance: ProvenanceRecord | None = None
     ) -> None:
-        """Write the calibration file, completely or not at all; `flinders.load` reads it.
+        """Write the calibration file atomically; `flinders.load` reads it.
 
         Raises
         ------
         OutputExists
-            Where there is a file already, unless `force`.
+            If the file exists, unless `force`.
         OutputError
-            Where it cannot be written.
+            If the file cannot be written.
         """
         write(document_of(self, provenance), path, force=force)
 
@@ -204,7 +204,7 @@ class Fit:
 
     @property
     def verdict(self) -> Verdict:
-        """``good``, ``limited`` or ``refused``, by the most severe finding or the file; by default limited."""
+        """``good``, ``limited`` or ``refused``, by the most severe finding or the calibration file."""
         return self.judgement.verdict
 
     @property
@@ -230,7 +230,7 @@ class Fit:
 
 
 def bare_fit(calibration: Calibration, *, name: str = "fit") -> Fit:
-    """A fit with a calibration alone; its verdict is limited."""
+    """A fit that consists of a calibration without evidence; its verdict is ``limited``."""
     unexplained = Judgement(stated_verdict="limited")
     return Fit(calibration, Evidence(), Claim(calibration), unexplained, Provenance(name))
 
@@ -241,7 +241,7 @@ def with_calibration(fit: Fit, calibration: Calibration) -> Fit:
 
 
 def with_walk(fit: Fit, walk: Walk | None) -> Fit:
-    """The same fit with the walk of its unit, which its file then states."""
+    """The same fit with the random walk of its unit's offset, which the calibration file then states."""
     return replace(fit, provenance=replace(fit.provenance, walk=walk))
 
 
@@ -262,7 +262,7 @@ def document_of(fit: Fit, provenance: ProvenanceRecord | None = None) -> Documen
 
 
 def _record(fit: Fit, origin: ProvenanceRecord | None) -> Fitted | None:
-    """Part of a calibration file other than the calibration; None if nothing is stated."""
+    """Record of the fit for a calibration file; None if the fit states nothing but the calibration."""
     evidence, claim = fit.evidence, fit.claim
     if not evidence.is_described:
         return None
@@ -311,12 +311,12 @@ def finite_or_none(number: float) -> float | None:
 
 
 def fit_of(outcome: Fit | FlindersError) -> Fit | None:
-    """The fit of an outcome, also a refused fit; None if there is none."""
+    """The fit in an outcome of fitting, which may be the error of a refused fit; None for other errors."""
     return outcome.fit if isinstance(outcome, Refused) else outcome if isinstance(outcome, Fit) else None
 
 
 class Refused(FitError):
-    """A fit must not be used; the attribute `fit` has it, with its findings."""
+    """A fit must not be used; the attribute `fit` has the fit with its findings."""
 
     code: ClassVar[str] = "refused"
 
@@ -329,7 +329,7 @@ class Refused(FitError):
 
 
 def tilt_words(fit: Fit) -> str:
-    """Sentence on the tilt up to which a fit to a level turn meets its target; empty for other fits."""
+    """Sentence on the largest tilt at which the fit of a level turn meets its target; empty for other fits."""
     limit = next((finding.number for finding in fit.findings if finding.code == "level-plane"), None)
     if limit is None:
         return ""

@@ -54,33 +54,36 @@ if TYPE_CHECKING:
     from flinders.summary.summary import RestSpan, Statistics
 
 MAX_OFFSET_SIGMA, MIN_SHAPE_SIGMA = 0.5, 0.15
-"""Limits across a level turn, as shares of the field: the offset counts as known below, the shape as unknown above."""
+"""Standard deviations along the axis of a level turn, as shares of the field.
+
+Below the first the offset counts as known; above the second the shape counts as unknown.
+"""
 MIN_IMPROVEMENT_SIGMAS: Final = 2.0
-"""Smallest heading error of already corrected readings, over the claim, for a further calibration to improve them."""
+"""Smallest ratio of the heading error of already corrected readings to the claim at which a new calibration helps."""
 MIN_CURVE_SHARE: Final = 0.5
-"""Smallest heading error from the nonlinearity of a disturbance that is reported, as a share of the target."""
+"""Smallest reported heading error from the nonlinearity of a disturbance, as a share of the target."""
 MAX_LISTED: Final = 3
 """Largest count of runs, rests or lines in a finding."""
 LINEAR_DISTURBANCE: Final = "current"
-"""The disturbance whose field is proportional to its value, so that it may be extrapolated."""
+"""Kind of disturbance whose field is proportional to its value, so that it may be extrapolated."""
 
 
 def with_findings(result: Fit, judgement: Records, statistics: Statistics) -> Fit:
-    """A fit with the findings of its judgement, the most severe first, and the conditions of its verdict.
+    """Add the findings of a judgement, the most severe first, and the conditions of the verdict to a fit.
 
     Parameters
     ----------
     result : Fit
-        Without findings.
+        Fit without findings.
     judgement : Records
-        Judgement of its record.
+        Judgement of the fit's record.
     statistics : Statistics
-        Statistics of its recording.
+        Statistics of the recording.
     """
     record, said = FitRecord(result, statistics, judged_quantities(judgement)), JudgedFindings.by(judgement)
     supported = said.findings(record, FIT_FINDINGS)
     if not any(finding.code == "one-plane" for finding in supported):
-        # consequences of an ellipsoid that the readings do not determine are left out
+        # findings that follow from an ellipsoid which the readings do not determine are left out
         supported = [
             *supported,
             *_aiding_findings(result),
@@ -96,7 +99,7 @@ def with_findings(result: Fit, judgement: Records, statistics: Statistics) -> Fi
 def headline_of(fit: Fit, limit_deg: float | None = None, language: Language = ENGLISH) -> Headline:
     """The first sentence of the verdict on a fit.
 
-    `limit_deg` is the tilt up to which headings meet the target, if known already.
+    `limit_deg` is the largest tilt at which headings meet the target, if it was computed before.
 
     >>> from flinders import simulate
     >>> from flinders.fitting.calibrate import fit
@@ -111,7 +114,7 @@ def headline_of(fit: Fit, limit_deg: float | None = None, language: Language = E
 
 
 def judged_quantities(judgement: Records) -> dict[str, float]:
-    """Quantities that the rules of a fit compare, by name."""
+    """Quantities of a judgement that the rules of findings compare, by name."""
     return dict(zip(QUANTITIES_OF_A_FIT, judgement["quantities"].tolist(), strict=True))
 
 
@@ -123,7 +126,7 @@ class JudgedFindings(NamedTuple):
     severities : dict
         Severity of each finding, by its code.
     causes : dict
-        Code of the finding that another one follows from, by the code of the latter.
+        For a finding that follows from another one, the code of that cause, by the code of the finding.
     """
 
     severities: dict[str, Severity]
@@ -138,7 +141,7 @@ class JudgedFindings(NamedTuple):
         return cls(said, causes_of(judgement))
 
     def findings(self, record: Mapping[str, Any], codes: Iterable[str]) -> list[Finding]:
-        """The findings of the judgement among `codes`, with values of a record."""
+        """Findings of the judgement with one of `codes`, with their values from `record`."""
         return [
             make_finding(code, record, self.severities[code], self.causes.get(code))
             for code in codes
@@ -147,13 +150,13 @@ class JudgedFindings(NamedTuple):
 
 
 def _conditions(judgement: Records) -> tuple[Condition, ...]:
-    """Conditions of the verdict, by the bits of a judgement."""
+    """Conditions of the verdict, which a judgement states as bits."""
     bits = int(judgement["conditions"])
     return tuple(code for place, code in enumerate(CONDITIONS) if bits >> place & 1)
 
 
 class FitRecord(Record):
-    """Quantities of the judgement of a fit, and values of `VALUES`, which are computed on first use."""
+    """Quantities of the judgement of a fit, and values of `VALUES`, which are computed at first use."""
 
     def __init__(self, fit: Fit, statistics: Statistics, quantities: Mapping[str, float]) -> None:
         super().__init__({name: value for name, value in quantities.items() if not math.isnan(value)})
@@ -166,39 +169,39 @@ class FitRecord(Record):
 
 
 def _is_offset_known(result: Fit) -> bool:
-    """Whether the offset perpendicular to the plane of a turn is known."""
+    """Whether the offset along the axis of a level turn is known."""
     assert result.claim.plane is not None
     across = axis_order(result.claim.plane)[2]
     return bool(result.claim.offset_sigma[across] < MAX_OFFSET_SIGMA * result.claim.ellipsoid.radius)
 
 
 def _is_shape_unknown(result: Fit) -> bool:
-    """Whether the shape perpendicular to the plane of a turn is unknown."""
+    """Whether the shape along the axis of a level turn is unknown."""
     sigma = float(np.sqrt(np.diag(result.claim.covariance)[[6, 7, 8]].max()))
     return sigma > MIN_SHAPE_SIGMA * result.claim.ellipsoid.radius
 
 
 def is_improvement(fit: Fit) -> bool:
-    """Whether a calibration improves headings; for already corrected readings, by more than chance."""
+    """Whether a calibration improves headings; for already corrected readings the improvement must be significant."""
     better = MIN_IMPROVEMENT_SIGMAS if fit.claim.is_shrunk else 1.0
     return fit.claim.uncorrected_heading_error_deg.worst > better * fit.heading_error_deg.worst
 
 
 def contradiction_values(repeats: Repeats, unit: str) -> dict[str, Any]:
-    """Recording that deviates from the others, or the two that differ, with the difference of offsets."""
+    """Values of a finding on contradicting recordings: the deviating one, or the two, and the offset difference."""
     pair = [part.source for part in repeats.parts]
     sources = pair if len(pair) == 2 else [repeats.most_deviating.source]
     return {"sources": sources, "offset_apart": repeats.most_deviating.offset_difference, "unit": unit}
 
 
 def _contradiction_of_fit(judged: FitRecord) -> dict[str, Any]:
-    """Recording of a fit that deviates from the others, with its difference; empty for a single recording."""
+    """Values of `contradiction_values` for the recordings of a fit; empty for a single recording."""
     repeats = judged.diagnosis.repeats
     return {} if repeats is None else contradiction_values(repeats, unit_label(judged.fit.calibration.unit))
 
 
 def _aiding_findings(fit: Fit) -> Iterator[Finding]:
-    """Findings on instruments that contradict each other."""
+    """Findings on aiding sensors that contradict each other or the magnetometer."""
     yield from () if fit.evidence.aiding is None else (mistake.finding for mistake in fit.evidence.aiding.mistakes)
 
 
@@ -219,7 +222,7 @@ def _rests(statistics: Statistics) -> list[RestSpan]:
 
 
 def _skipped_rows(statistics: Statistics, *, is_silent: bool) -> list[tuple[Any, ...]]:
-    """Kinds of rows without a usable reading, with their counts."""
+    """Kinds of rows without a usable reading, each with its count."""
     return [
         (part.reason, part.rows, part.lines[:MAX_LISTED], part.example)
         for part in statistics.skipped
@@ -275,11 +278,11 @@ VALUES: Final[dict[str, Callable[[FitRecord], Any]]] = {
     "skipped_kinds": lambda judged: _skipped_rows(judged.statistics, is_silent=False),
     "silent_kinds": lambda judged: _skipped_rows(judged.statistics, is_silent=True),
 }
-"""Values of the findings of a fit other than the quantities of its judgement; some are not numbers."""
+"""Functions for values in the findings of a fit that are not quantities of its judgement; some are not numbers."""
 
 
 def calibration_findings(calibration: Calibration) -> Iterator[Finding]:
-    """Findings from the calibration alone, without its readings."""
+    """Findings on a calibration that need no readings."""
     yield from judge_calibration(calibration, CALIBRATION_FINDINGS)
 
 
@@ -291,17 +294,18 @@ def judge_calibration(
     values: Mapping[str, Any] | None = None,
     **numbers: float,
 ) -> Iterator[Finding]:
-    """Judge a calibration without a recording, by some findings.
+    """Judge a calibration without a recording; yields those of some findings that apply.
 
     Parameters
     ----------
     calibration : Calibration
+        The calibration.
     codes : iterable of str
         Codes of `flinders.findings.catalogue.ENGINE_FINDINGS`.
     target_deg : float
         Worst heading error that is good enough.
     values : mapping, optional
-        Values in the findings other than quantities.
+        Values in the findings that are not quantities of the judgement.
     **numbers
         Fields of the record, such as ``level_worst_deg``.
     """
@@ -355,11 +359,11 @@ def disturbance_findings(fit: Fit) -> Iterator[Finding]:
 COLUMN_FINDINGS: Final = tuple(
     f"disturbance-{fault}" for fault in ("monotone", "lag", "nonlinear", "range", "reference")
 )
-"""Findings on the logged values of a disturbance, of a turned sensor or on a bench."""
+"""Codes of findings on the logged values of a disturbance, for a turned sensor and for a sensor on a bench."""
 
 
 def _unfollowed_record(estimate: DisturbanceEstimate) -> dict[str, Any]:
-    """Values for the findings on a disturbance that is not followed."""
+    """Values in the findings on a disturbance that the fit does not follow."""
     return {
         "is_constant": float(not estimate.is_unused),
         "nothing": 0.0,
@@ -373,7 +377,7 @@ def _unfollowed_record(estimate: DisturbanceEstimate) -> dict[str, Any]:
 def _disturbance_record(
     estimate: DisturbanceEstimate, disturbance: Disturbance, unsaid_deg: float = 0.0
 ) -> dict[str, Any]:
-    """Values for the findings on a disturbance."""
+    """Values in the findings on a disturbance; `unsaid_deg` is the smallest reported heading error by nonlinearity."""
     return {
         "removed_deg": estimate.removed_deg,
         "remaining_deg": estimate.remaining_deg,
@@ -390,7 +394,7 @@ def _disturbance_record(
 
 
 def _numbers(disturbance: Disturbance) -> dict[str, Any]:
-    """Attributes of a disturbance for findings."""
+    """Attributes of a disturbance that findings state."""
     return {
         "name": disturbance.name,
         "per_unit": disturbance.per_unit.tolist(),
@@ -404,7 +408,7 @@ def _numbers(disturbance: Disturbance) -> dict[str, Any]:
 
 
 def _reference(disturbance: Disturbance) -> dict[str, float]:
-    """Distance of the reference from the recorded range, as a share of the range, with its limit."""
+    """Distance of the reference from the recorded range, as a share of the range, with the limit of this share."""
     outside = max(disturbance.lowest - disturbance.reference, disturbance.reference - disturbance.highest)
     return {
         "reference_outside": outside / (disturbance.highest - disturbance.lowest)
@@ -415,7 +419,7 @@ def _reference(disturbance: Disturbance) -> dict[str, float]:
 
 
 def _range(disturbance: Disturbance) -> dict[str, float]:
-    """Whether values of a disturbance are plausible in its unit and sign, with the value and the limit."""
+    """Whether a recorded value of a disturbance is implausible in its unit or sign, with that value and its limit."""
     low, high = disturbance.kind.plausible
     far = max(disturbance.lowest, disturbance.highest, key=abs)
     if not low <= far <= high:
@@ -434,7 +438,7 @@ def collinearity_findings(estimates: Sequence[DisturbanceEstimate]) -> Iterator[
 
 
 def noise_findings(estimates: Sequence[DisturbanceEstimate]) -> Iterator[Finding]:
-    """Finding that columns of disturbances are noisy: one for all columns."""
+    """Finding that columns of disturbances are noisy; one finding for all columns."""
     limit = limit_of("disturbance-noisy")
     noisy = [one for one in estimates if one.disturbance is not None and one.attenuation > limit]
     shares = [one.attenuation for one in noisy]
@@ -453,7 +457,7 @@ def column_findings(estimate: DisturbanceEstimate) -> Iterator[Finding]:
 
 
 def extrapolation_findings(correction: Calibration, beyond: Mapping[str, float]) -> Iterator[Finding]:
-    """Findings on extrapolated disturbances, from `beyond` of `flinders.core.compensation.Compensator`.
+    """Findings on disturbances whose values exceed their recorded range, by `Compensator.beyond`.
 
     Examples
     --------

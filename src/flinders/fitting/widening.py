@@ -1,8 +1,8 @@
 """Widening of the covariance of a fit by errors that its method does not include.
 
-The residuals of real recordings are correlated, readings are repeated, methods have a bias, few readings leave the
-noise itself uncertain, and several recordings of one sensor differ by more than each of them claims. The engine widens
-for repeated and for few readings (``claim.c``); this module adds the widening that needs further fits.
+In real recordings residuals are correlated and readings are repeated. Methods may have a bias. The noise itself is
+uncertain if there are few readings. Several recordings of one sensor differ by more than each of them claims. The
+engine widens for repeated and for few readings (``claim.c``); this module adds the widening that needs further fits.
 
 >>> from flinders import simulate
 >>> from flinders.estimators import Readings
@@ -45,6 +45,7 @@ class Widened(NamedTuple):
     Attributes
     ----------
     estimate : Estimate
+        Estimate with the widened covariance.
     record : Records
         Record of the engine, with the claim.
     repeats : Repeats, optional
@@ -56,13 +57,13 @@ class Widened(NamedTuple):
     repeats: Repeats | None = None
 
     def with_covariance(self, covariance: Floats) -> Widened:
-        """A copy with another (9, 9) covariance, and unknown errors of level headings."""
+        """A copy with another (9, 9) covariance; level heading errors are then unknown."""
         self.record["covariance"] = covariance.ravel()
         self.record["level_worst_deg"] = self.record["level_rms_deg"] = np.nan
         return self._replace(estimate=replace(self.estimate, covariance=covariance))
 
     def with_shrinkage(self) -> Widened:
-        """A copy with the estimate that the engine shrank towards no correction, from the record."""
+        """A copy with the estimate of the record, which the engine shrank towards no correction."""
         ellipsoid = Ellipsoid(self.record["centre"].copy(), symmetric_matrix(self.record["shape"]))
         covariance = self.record["covariance"].reshape(9, 9).copy()
         return self._replace(estimate=replace(self.estimate, ellipsoid=ellipsoid, covariance=covariance, textbook=None))
@@ -84,10 +85,11 @@ def widen_claim(
     Parameters
     ----------
     estimate : Estimate
+        Estimate of any method.
     readings : Readings
-        Its readings.
+        Readings of the estimate.
     likelihood : Auto
-        Reference for methods that do not evaluate residuals.
+        Estimator for the comparison with methods that do not evaluate residuals.
     statistics : Statistics
         Statistics of the readings.
     coverage : Coverage, optional
@@ -97,7 +99,8 @@ def widen_claim(
     is_biased : bool
         Whether the method has a bias.
     is_joint : bool
-        Whether the estimate is from several instruments and already includes correlated residuals and few readings.
+        Whether the estimate is from several instruments, and its covariance already includes correlated residuals and
+        few readings.
     """
     is_wide = record is not None or estimate.correlation is not None or estimate.plane or readings.recording is None
     reference = None if is_joint or (is_wide and not is_biased) else _reference(readings, likelihood)
@@ -132,14 +135,14 @@ def _parameter_count(estimate: Estimate) -> int:
 
 
 def widen_by_correlation(estimate: Estimate, likelihood: Estimate) -> Estimate:
-    """Widen a claim for independent residuals by the factor of the likelihood for correlated ones.
+    """Widen a claim for independent residuals by the factor that the likelihood fit claims for correlated ones.
 
     The factor is the mean over the variances of all nine parameters.
 
     Parameters
     ----------
     estimate, likelihood : Estimate
-        Of the same readings.
+        Estimates of the same readings.
     """
     if estimate.correlation is not None or likelihood.textbook is None:
         return estimate
@@ -153,12 +156,14 @@ def widen_by_correlation(estimate: Estimate, likelihood: Estimate) -> Estimate:
 
 
 def with_bias(estimate: Estimate, likelihood: Estimate) -> Estimate:
-    """Add d dᵀ to the covariance, with the difference d from the likelihood estimate `unexplained_part`.
+    """Add the bias of a method to the covariance: d dᵀ with the difference d from the likelihood estimate.
+
+    d is without the part that chance explains, see `unexplained_part`.
 
     Parameters
     ----------
     estimate, likelihood : Estimate
-        Of the same readings.
+        Estimates of the same readings.
     """
     difference = estimate.ellipsoid.parameters - likelihood.ellipsoid.parameters
     bias = unexplained_part(difference, estimate.covariance + likelihood.covariance)
@@ -169,7 +174,10 @@ def with_bias(estimate: Estimate, likelihood: Estimate) -> Estimate:
 
 
 def compare_halves(samples: Samples, likelihood: Auto, estimate: Estimate) -> float | None:
-    """Heading difference between the halves of a recording at the worst heading, over its claimed sigma."""
+    """Ratio of the heading difference between the halves of a recording, at the worst heading, to its claimed 1 σ.
+
+    None if one of the halves gives no fit.
+    """
     middle = len(samples) // 2
     repeats = _compare(Readings.of(Joined((samples[:middle], samples[middle:]))), likelihood, estimate)
     return (
@@ -180,9 +188,9 @@ def compare_halves(samples: Samples, likelihood: Auto, estimate: Estimate) -> fl
 
 
 def _compare(readings: Readings, likelihood: Auto, estimate: Estimate) -> Repeats | None:
-    """Compare the recordings of a sensor that each determine a calibration.
+    """Compare those recordings of a sensor that each determine a calibration; None for fewer than two.
 
-    Level turns are only compared with each other: they assume the dip, while other recordings estimate it.
+    Level turns are compared only with each other, because they assume the dip, while other recordings estimate it.
     """
     if not readings.parts:
         return None

@@ -1,1 +1,1 @@
-"""Geometry: angles, rotations, the ellipsoid and its plane sections, an even grid of the sphere."""
+"""Geometry: angles, rotations, ellipsoids, ellipses of turns in one plane, and tiles of the sphere."""

@@ -33,7 +33,7 @@ def wrap_180(angle_deg: ArrayLike) -> Floats:
 
 
 def mean_deg(angles_deg: ArrayLike) -> float:
-    """Direction of the sum of the unit vectors of (N,) angles, in [0, 360); NaN if they cancel.
+    """Circular mean of (N,) angles in degrees, in [0, 360); NaN if their unit vectors cancel.
 
     >>> round(mean_deg([350.0, 20.0]), 9)
     5.0
@@ -43,7 +43,9 @@ def mean_deg(angles_deg: ArrayLike) -> float:
 
 
 def deflection_deg(share: float) -> float:
-    """Largest angle by which a vector turns if a vector of `share` times its length is added; 180 from share 1 on.
+    """Largest angle in degrees by which a vector of `share` times its length turns a vector that it is added to.
+
+    It is asin(`share`), and 180° for a share of 1 or more.
 
     >>> round(deflection_deg(0.1), 2), deflection_deg(1.2)
     (5.74, 180.0)

@@ -1,4 +1,4 @@
-"""The ten coefficients of a quadric, and its ellipsoid.
+"""Ellipsoids, and their conversion from and to the ten coefficients of a quadric.
 
 A quadric is the set of x with xᵀQx + lᵀx + d = 0. Its coefficients are stored in the order
 
@@ -26,30 +26,29 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 PARAMETER_DERIVATIVES: Final = np.zeros((12, 9))
-"""(12, 9) matrix from v and the nine products v_i u_j to the coefficients of δb and of a symmetric δS."""
+"""(12, 9) matrix that makes the derivatives of v·b + vᵀS u by b and the symmetric S from v and the products v_i u_j."""
 
 PARAMETER_DERIVATIVES[[0, 1, 2], [0, 1, 2]] = 1.0
 PARAMETER_DERIVATIVES[[3, 7, 11, 4, 6, 5, 9, 8, 10], [3, 4, 5, 6, 6, 7, 7, 8, 8]] = 1.0
 
 SYMMETRIC_INDEX: Final = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
-"""(3, 3) index, among the entries 11, 22, 33, 12, 13, 23, of each entry of a symmetric matrix."""
+"""(3, 3) index of each entry of a symmetric matrix in the list of its entries 11, 22, 33, 12, 13, 23."""
 
 
 @dataclass(frozen=True, eq=False)
 class Ellipsoid:
     """The points centre + shape · u for all unit vectors u."""
 
-    centre: Floats  #: (3,)
-    #: (3, 3): symmetric and positive definite; its eigenvalues are the semi-axes. An ellipsoid determines the shape
-    #: only up to a rotation on the right; the symmetric one does not rotate directions on average.
+    centre: Floats  #: (3,): centre
+    #: (3, 3): symmetric and positive definite matrix, whose eigenvalues are the semi-axes. An ellipsoid determines the
+    #: shape only up to a rotation on the right; the symmetric one is used by convention.
     shape: Floats
 
     @classmethod
     def from_quadric(cls, coefficients: Floats, *, method: str = "") -> Self:
-        """Ellipsoid of (10,) coefficients, of either sign.
+        """Ellipsoid of (10,) coefficients, which may all have the opposite sign.
 
-        Raises `NotAnEllipsoid` if the quadric is open, imaginary or not finite. The signs of all eigenvalues are
-        checked, not the determinant alone.
+        Raises `NotAnEllipsoid` if the quadric is open, imaginary or not finite.
         """
         form, linear, constant = symmetric_matrix(coefficients[:6]), coefficients[6:9], coefficients[9]
         if not np.all(np.isfinite(coefficients)):
@@ -73,7 +72,7 @@ class Ellipsoid:
         return np.concatenate([upper_entries(form), -2.0 * linear, [self.centre @ linear - 1.0]])
 
     def in_frame(self, origin: Floats, scale: float) -> Self:
-        """The same surface in coordinates x = origin + scale · z, if the ellipsoid is in coordinates z."""
+        """The same surface in coordinates x = origin + scale · z, where this ellipsoid is in coordinates z."""
         return type(self)(origin + scale * self.centre, scale * self.shape)
 
     @cached_property
@@ -86,7 +85,7 @@ class Ellipsoid:
 
     @property
     def scale(self) -> float:
-        """Power of two above the largest entry of the shape; dividing by it keeps determinants within range."""
+        """Power of two above the largest entry of the shape, by which the shape is divided for its determinant."""
         return float(2.0 ** np.frexp(np.abs(self.shape).max())[1].clip(-1000, 1000))
 
     @cached_property
@@ -98,12 +97,12 @@ class Ellipsoid:
 
     @classmethod
     def of_parameters(cls, parameters: Floats) -> Self:
-        """Ellipsoid of (9,) `parameters`."""
+        """Ellipsoid of (9,) parameters in the order of the attribute `parameters`."""
         return cls(parameters[:3], symmetric_matrix(parameters[3:]))
 
     @property
     def parameters(self) -> Floats:
-        """(9,) centre, then S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃, in the order of covariances."""
+        """(9,) parameters in the order of covariances: the centre, then S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃."""
         return np.concatenate([self.centre, upper_entries(self.shape)])
 
     def isclose(self, other: Ellipsoid, rtol: float = 1e-9) -> bool:
@@ -150,13 +149,16 @@ def sphere_through(points: Floats, origin: Floats | None = None) -> tuple[Floats
 
 
 def subtract_centre(readings: Floats, centre: Floats) -> Floats:
-    """(3, N) differences of (N, 3) readings from a centre, contiguous by axis: four times faster than by row."""
+    """(3, N) differences of (N, 3) readings from a centre, contiguous by axis, for four times faster sums."""
     local: Floats = np.subtract(readings.T, centre[:, np.newaxis], order="C")
     return local
 
 
 def parameter_derivatives(vectors: Floats, directions: Floats) -> Floats:
-    """(..., K, 9) derivatives of v·b + vᵀSu by the nine parameters of an ellipsoid, for (..., 3, K) v and u."""
+    """(..., K, 9) derivatives of v·b + vᵀS u by the nine parameters of an ellipsoid.
+
+    `vectors` v and `directions` u are (..., 3, K).
+    """
     products = vectors[..., np.newaxis, :] * directions[..., np.newaxis, :, :]
     rows = np.concatenate([vectors, products.reshape(*vectors.shape[:-2], 9, -1)], axis=-2)
     coefficients: Floats = rows.mT @ PARAMETER_DERIVATIVES

@@ -17,13 +17,13 @@ True
 27 points around 360°, widest gap 100°; first harmonic 0.300, second 0.213: the mean costs up to 23° of heading
 
 The ellipse of a turn follows from the sensor's ellipsoid. With the field u = (cos I cos ψ, −cos I sin ψ, sin I), in the
-axis order of the plane, it is
+axis order of the plane, the ellipse is
 
     (b + sin I S₃) + cos I S₂ (cos ψ, −sin ψ)
 
 where S₃ is the column of the shape for the axis of the turn, and S₂ the part of the shape in the plane. The ellipse is
-linear in offset and shape, so covariances can be propagated. A fit of one plane is compared with other calibrations by
-these ellipses.
+linear in offset and shape, so that covariances can be propagated. By its ellipse a fit in one plane is compared with
+other calibrations.
 
 >>> turned = Ellipsoid(np.array([10.0, 20.0, 30.0]), np.diag([50.0, 40.0, 60.0]))
 >>> flat = equator(turned, "xy", dip_deg=60.0)
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 Plane: TypeAlias = Literal["xy", "yz", "zx"]
-"""The two axes in the plane of a turn; the third axis of the right-handed frame is the axis of the turn."""
+"""The two axes in the plane of a turn; the third axis, by the right-hand rule, is the axis of the turn."""
 
 PLANES: Final[tuple[Plane, ...]] = get_args(Plane)
 
@@ -81,7 +81,7 @@ def turn_axis(plane: Plane) -> str:
 
 
 def down_direction(plane: Plane | None) -> Floats | None:
-    """(3,) down direction of a sensor that turns in a horizontal plane; None for +z.
+    """(3,) down direction of a sensor that turns in a horizontal `plane`; None if that is +z.
 
     >>> down_direction("yz"), down_direction("xy")
     (array([1., 0., 0.]), None)
@@ -90,7 +90,7 @@ def down_direction(plane: Plane | None) -> Floats | None:
 
 
 def heading_errors(readings: Floats, heading: Floats) -> tuple[Floats, float]:
-    """(N,) heading errors of (3, N) readings of a level vehicle at (N,) headings, without their mean; and the mean.
+    """(N,) heading errors without their mean, and the mean, of (3, N) readings of a level vehicle at (N,) headings.
 
     All angles are in rad. An offset of 0.1 of the horizontal field gives 0.1 rad where the field is across the offset:
 
@@ -180,7 +180,7 @@ class PlaneEllipse:
         return angles
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
+        """Values for JSON, by name."""
         return {
             "centre": self.centre.tolist(),
             "eigenvalues": self.eigenvalues.tolist(),
@@ -195,9 +195,10 @@ class PlaneEllipse:
 class Spacing:
     """Evenness of points around a circle.
 
-    With angles φ the harmonics are r₁ = |mean exp(iφ)| and r₂ = |mean exp(2iφ)|, which are 0 for equally spaced points.
-    The mean of the points is r₁ radii from the centre, and their scatter is that of an ellipse of axis ratio 1 + r₂.
-    This gives heading errors of up to r₁ + r₂/2 radians, to first order.
+    For angles φ the harmonics are r₁ = |mean exp(iφ)| and r₂ = |mean exp(2iφ)|, which are 0 for equally spaced points.
+    If the points are not equally spaced, their mean is r₁ radii from the centre, and their scatter is that of an
+    ellipse with the axis ratio 1 + r₂. Mean and scatter then give heading errors of up to r₁ + r₂/2 rad, to first
+    order.
     """
 
     points: int  #: number of points
@@ -207,7 +208,7 @@ class Spacing:
 
     @classmethod
     def of(cls, angles: Floats) -> Self:
-        """Evenness of (N,) angles in rad, of one turn or of several.
+        """Evenness of (N,) angles in rad, which may be those of several turns.
 
         >>> Spacing.of(np.radians([0.0, 90.0, 180.0, 270.0])).widest_gap_deg
         90.0
@@ -220,15 +221,15 @@ class Spacing:
 
     @property
     def cost_deg(self) -> float:
-        """Heading error at the worst heading from using mean and scatter, in degrees, to first order."""
+        """Heading error in degrees, at the worst heading, if mean and scatter of these points are used."""
         return float(np.degrees(self.first_harmonic + self.second_harmonic / 2.0))
 
     def is_even(self, *, within_deg: float) -> bool:
-        """Whether the heading error from using the mean and the scatter is at most `within_deg`."""
+        """Whether the heading error from mean and scatter, `cost_deg`, is at most `within_deg`."""
         return self.cost_deg <= within_deg
 
     def as_dict(self) -> dict[str, float]:
-        """JSON-ready."""
+        """Values for JSON, by name."""
         return {
             "first_harmonic": self.first_harmonic,
             "second_harmonic": self.second_harmonic,
@@ -247,14 +248,13 @@ class Spacing:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Turn:
-    """A turn in one plane: its points, and their ellipses from mean and scatter and by least squares."""
+    """A turn in one plane, with two ellipses of its points: from mean and scatter, and by least squares."""
 
     plane: Plane  #: plane of the turn: ``xy``, ``yz`` or ``zx``
     points: Floats  #: (N, 2): readings along the first and the second axis of the plane
-    recipe: PlaneEllipse  #: from mean and scatter
-    ellipse: PlaneEllipse  #: by least squares; independent of the spacing of the points
-    #: of the points corrected by `ellipse`; points corrected by `recipe` have no harmonics
-    spacing: Spacing
+    recipe: PlaneEllipse  #: ellipse from mean and scatter
+    ellipse: PlaneEllipse  #: ellipse by least squares, which does not depend on the spacing of the points
+    spacing: Spacing  #: evenness of the points after correction by `ellipse`
 
     @classmethod
     def of(cls, plane: Plane, points: Floats, ellipse: PlaneEllipse) -> Self:
@@ -263,7 +263,7 @@ class Turn:
         return cls(plane, points, recipe, ellipse, Spacing.of(ellipse.angles(points)))
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
+        """Values for JSON, by name."""
         return {
             "plane": self.plane,
             "points": self.spacing.points,
@@ -275,12 +275,12 @@ class Turn:
 
 
 def equator(ellipsoid: Ellipsoid, plane: Plane, *, dip_deg: float) -> Ellipsoid:
-    """Ellipsoid whose equator is the ellipse of a turn; its third semi-axis is the mean of the other two.
+    """Ellipsoid whose equator is the ellipse of a turn; the third semi-axis is the mean of the other two.
 
     Parameters
     ----------
     ellipsoid : Ellipsoid
-        Raw readings in all directions.
+        Ellipsoid of raw readings in all directions.
     plane : str
         ``xy``, ``yz`` or ``zx``; the third axis is the axis of the turn.
     dip_deg : float, degrees
@@ -291,7 +291,7 @@ def equator(ellipsoid: Ellipsoid, plane: Plane, *, dip_deg: float) -> Ellipsoid:
 
 
 def equator_matrix(plane: Plane, *, dip_deg: float) -> Floats:
-    """(9, 9) matrix from the parameters of an ellipsoid to those of its `equator`; its rank is five."""
+    """(9, 9) matrix from the parameters of an ellipsoid to those of the result of `equator`; the rank is five."""
     first, second, third = axis_order(plane)
     dip = np.deg2rad(dip_deg)
     rows = np.zeros((9, 9))

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 MAX_LENGTH_ERROR: Final = 0.01
 """Largest difference of a quaternion's length from 1 that is taken as rounding."""
 LINEAR_ANGLE_RAD: Final = 1e-6
-"""Half of the angle between two attitudes, in rad, below which they are interpolated linearly."""
+"""Half of the angle between two attitudes, in rad, below which the interpolation between them is linear."""
 
 
 def check_attitudes(values: ArrayLike) -> Floats:

@@ -20,11 +20,13 @@ if TYPE_CHECKING:
 
 
 MAX_HALF_TURN_TRACE: Final = -0.999
-"""Trace of a rotation below which its axis is computed from its quaternion, because R − Rᵀ vanishes."""
+"""Trace of a rotation R below which the axis is computed from the quaternion, because R − Rᵀ vanishes."""
 
 
 def make_contiguous(array: Floats, axes: int = 1) -> Floats:
-    """Copy an array so that each entry of its last `axes` axes is contiguous over the readings, for fast sums.
+    """Copy an array so that each component, an index of its last `axes` axes, is contiguous over the readings.
+
+    Sums over readings are then fast.
 
     >>> make_contiguous(np.zeros((500, 3))).strides
     (8, 4000)
@@ -45,18 +47,18 @@ def vectors_of(components: Floats) -> Floats:
 
 
 def product(first: Floats, second: Floats) -> Floats:
-    """(W, n, i, k) product of (W, n, i, j) and (W, n or 1, j, k) matrices in the memory layout of `make_contiguous`.
+    """(W, n, i, k) product of (W, n, i, j) and (W, n or 1, j, k) matrices, several times faster than ``@``.
 
-    Several times faster than ``@``.
+    The matrices are in the memory layout of `make_contiguous`.
     """
     pieces = np.empty((first.shape[2], second.shape[3], *first.shape[:2]))
     return np.einsum("wnij,wnjk->wnik", first, second, out=np.moveaxis(pieces, (0, 1), (2, 3)))
 
 
 def transform_vectors(matrix: Floats, vectors: Floats) -> Floats:
-    """(..., 3) product of one (3, 3) matrix and (..., 3) vectors in the memory layout of `make_contiguous`.
+    """(..., 3) product of one (3, 3) matrix and (..., 3) vectors, several times faster than ``@``.
 
-    Several times faster than ``@``.
+    The vectors are in the memory layout of `make_contiguous`.
 
     >>> transform_vectors(np.diag([1.0, 2.0, 3.0]), np.ones((4, 1, 3)))[3, 0]
     array([1., 2., 3.])

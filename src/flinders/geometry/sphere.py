@@ -40,9 +40,9 @@ TILE_COUNT: Final = 642
 BISECTIONS: Final = 3
 """Bisections of the icosahedron's edges."""
 CENTROID_MOVES: Final = 20
-"""Moves of all centres to their centroids; further moves change the areas by less than 1 %."""
+"""Count of moves of all centres to their centroids; further moves change the areas by less than 1 %."""
 BLOCK_DIRECTIONS: Final = 4096
-"""Directions that are assigned at a time, so that their distances to all centres fit into the cache."""
+"""Count of directions that are assigned to tiles at a time; their distances to all centres fit into the cache."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -153,7 +153,7 @@ def clump(rng: Generator, n: int, *, half_angle_deg: float = 3.0) -> Floats:
 
 
 def clumped_directions(rng: Generator, n: int, *, share: float = 0.6) -> Floats:
-    """(n, 3) random directions: first uniform ones, then a `share` of all in one `clump`.
+    """(n, 3) random directions: first uniform ones, then a `share` of all within one `clump`.
 
     >>> bool(clumped_directions(np.random.default_rng(0), 10)[-6:].std(axis=0).max() < 0.05)
     True

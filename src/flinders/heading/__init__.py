@@ -1,1 +1,1 @@
-"""From corrected fields to headings: attitude, compass deviation, and heading errors from errors of a calibration."""
+"""Headings from corrected readings, heading errors from errors of a calibration, guidance for turning, and filters."""

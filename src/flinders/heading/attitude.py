@@ -1,8 +1,8 @@
 """Compass headings from a corrected field and the specific force of an accelerometer.
 
-``down = −f``, ``E = down × m``, ``N = E × down``; the heading of the sensor's x axis is ψ = atan2(E_x/|E|, N_x/|N|).
-The formula needs no roll and pitch, nor any convention for them. It holds at every attitude, for z up or down, if both
-sensors have the same right-handed axes.
+With the field m and the specific force f, ``down = −f``, ``E = down × m`` points east and ``N = E × down`` north. The
+heading of the sensor's x axis is ψ = atan2(E_x/|E|, N_x/|N|). The formula needs no roll and pitch, nor any convention
+for them. It holds at every attitude, for z up or down, if both sensors have the same right-handed axes.
 
 >>> level, north_east = [0.0, 0.0, -9.81], [15.0, -15.0, 45.0]     # forward, right, down; specific force is −g on z
 >>> float(magnetic_heading_deg(north_east, level))
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 MIN_SINE: Final = 1e-6
-"""Smallest sine of the angle between the vertical and field or x axis at which there is a heading."""
+"""Smallest sine of the angle of the field, and of the x axis, to the vertical at which there is a heading."""
 
 
 def magnetic_heading_deg(field: ArrayLike, specific_force: ArrayLike) -> Floats:
@@ -67,8 +67,9 @@ def magnetic_heading_deg(field: ArrayLike, specific_force: ArrayLike) -> Floats:
 def level_heading_deg(field: ArrayLike) -> Floats:
     """Heading of a level sensor with x forward, y right, from two axes: ψ = atan2(−m_y, m_x).
 
-    (..., 3) or (..., 2) corrected readings give (...,) degrees in [0, 360); errors as `magnetic_heading_deg`. A tilt by
-    τ degrees causes a heading error of up to τ tan I: 1.7° per degree at a dip of 60°.
+    `field` has (..., 3) or (..., 2) corrected readings; the result is (...,) degrees in [0, 360). Raises as
+    `magnetic_heading_deg`. A tilt by τ degrees causes a heading error of up to τ tan I: 1.7° per degree at a dip of
+    60°.
 
     >>> level_heading_deg([[20.0, 0.0, 45.0], [0.0, -20.0, 45.0], [-20.0, 0.0, 45.0], [0.0, 20.0, 45.0]])
     array([  0.,  90., 180., 270.])
@@ -99,8 +100,8 @@ def an3192(field: ArrayLike, specific_force: ArrayLike) -> Floats:
     """Heading by the formula commonly cited as ST's AN3192, for comparison only: wrong if rolled *and* pitched.
 
     θ = asin(−G_x), φ = asin(G_y/cos θ); X = m_x cos θ + m_z sin θ; Y = m_x sin φ sin θ + m_y cos φ − m_z sin φ cos θ;
-    ψ = atan2(−Y, X), with G pointing down. It is exact with roll or pitch alone. With both it errs at a dip of 60° by
-    up to 2.1° at 10°, 9.6° at 20° and 24° at 30° of each, and it is wrong for a sensor that is upside down.
+    ψ = atan2(−Y, X), with G pointing down. The formula is exact with roll or pitch alone. With equal roll and pitch its
+    error at a dip of 60° is up to 2.1° at 10°, 9.6° at 20° and 24° at 30°. It is wrong for a sensor upside down.
 
     Parameters, result and errors as `magnetic_heading_deg`.
 
@@ -125,13 +126,13 @@ def an3192(field: ArrayLike, specific_force: ArrayLike) -> Floats:
 FORMULAS: Final[Mapping[str, Callable[[ArrayLike, ArrayLike], Floats]]] = MappingProxyType(
     {"exact": magnetic_heading_deg, "an4248": an4248, "an3192": an3192}
 )
-"""Formulas by name; all but the first are for comparison."""
+"""Formulas of a tilt-compensated heading by name; all but the first are for comparison."""
 
 
 def roll_pitch_deg(specific_force: ArrayLike) -> tuple[Floats, Floats]:
-    """Roll in (−180, 180] and pitch in [−90, 90] of a body with x forward, y right, z down: (...,) degrees of (..., 3).
+    """Roll in (−180, 180] and pitch in [−90, 90], (...,) degrees each, from a (..., 3) specific force.
 
-    Right side down and nose up are positive.
+    Axes are x forward, y right, z down. Right side down and nose up are positive.
 
     >>> roll, pitch = roll_pitch_deg([[0.0, 0.0, -1.0], [0.0, -0.5, -(0.75**0.5)], [0.5, 0.0, -(0.75**0.5)]])
     >>> roll.round(6), pitch.round(6)
@@ -153,24 +154,25 @@ def dip_deg(field: ArrayLike, specific_force: ArrayLike) -> Floats:
 
 
 MAX_SCATTER_DEG: Final = 6.0
-"""Largest scatter of the dip by an accelerometer of this body; beyond it the axes differ or its readings are constant.
+"""Largest scatter of the dip in degrees if accelerometer and magnetometer are on one body with the same axes.
 
 A bias of 0.6 m/s² causes a scatter of 3.5°.
 """
 
 
 def tilt_error_deg(field: ArrayLike, specific_force: ArrayLike, *, own_deg: float = 0.0) -> float:
-    """Heading error (1 σ) from errors of the vertical: tan I times the scatter of the dip, without its noise.
+    """Heading error (1 σ) from errors of the vertical: tan I times the scatter of the dip, without noise.
 
-    Noise is independent between readings, while a bias of the accelerometer or misaligned axes change the dip with the
-    attitude. The covariance of consecutive readings therefore contains these errors and the error of the calibration.
+    A bias of the accelerometer, or misaligned axes, change the dip with the attitude, while noise is independent
+    between readings. The covariance of the dip of consecutive readings therefore contains the errors of the vertical
+    and of the calibration, but no noise.
 
     Parameters
     ----------
     field, specific_force : (N, 3)
         Corrected field and specific force, in the order of recording, of a body that is hardly accelerated.
     own_deg : float
-        Scatter of the dip from the magnetometer, 1 σ: from errors of its calibration and from correlated residuals.
+        Scatter of the dip (1 σ) that comes from the magnetometer: errors of its calibration, correlated residuals.
 
     Returns
     -------
@@ -196,7 +198,7 @@ def tilt_error_deg(field: ArrayLike, specific_force: ArrayLike, *, own_deg: floa
 
 
 def _unit(values: ArrayLike, name: str) -> Floats:
-    """Vectors of length one; NaN for vectors without length."""
+    """Vectors divided by their length; NaN for zero vectors."""
     array = check_vectors(values, name, finite=False)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         scaled = array / np.abs(array).max(axis=-1, keepdims=True, initial=0.0)

@@ -1,11 +1,11 @@
 """Test whether an accelerometer and a magnetometer have the same axes, by the dip of the field.
 
-The angle between field and vertical is the same at every attitude: ``m · down = sin I``. If an axis of one sensor is
-swapped or has the wrong sign, the angle changes with the attitude, and one of the 48 ways to swap axes and signs makes
-it constant. All are judged by the sums of the nine products m_i f_j and of their squares, which add.
+The angle between field and vertical is the same at every attitude: ``m · down = sin I``. If axes of one sensor are
+swapped, or an axis has the wrong sign, this angle changes with the attitude. One of the 48 ways to swap axes and signs
+then makes it constant. All 48 are tested with the same sums: of the nine products m_i f_j and of their squares.
 
-The opposite sign of all three axes leaves the angle constant and negates the dip, which shows if the sign of the site's
-dip is known. If both sensors are left-handed in the same way, neither angle nor dip shows it.
+If all three axes have the opposite sign, the angle stays constant and the dip is negated. This shows only if the sign
+of the site's dip is known. If both sensors are left-handed in the same way, neither angle nor dip shows it.
 
 >>> rng = np.random.default_rng(1)
 >>> turns = np.linalg.qr(rng.standard_normal((500, 3, 3)))[0]
@@ -42,10 +42,10 @@ MAX_GRAVITY_DEVIATION: Final = 0.1
 """Largest difference of an acceleration's length from gravity, as a share, for a sensor at rest."""
 
 MIN_DOUBTED_SCATTER: Final = 0.15
-"""Smallest scatter of sin I at which the axes are doubted: a full tumble with wrong axes gives about 0.4 to 0.6."""
+"""Smallest scatter of sin I at which other axes are tried: a full tumble with wrong axes gives about 0.4 to 0.6."""
 
 MIN_FOREIGN_SCATTER: Final = 0.3
-"""Smallest scatter of sin I, with the best axes, of an accelerometer that is constant or of another body.
+"""Smallest scatter of sin I with the best axes that shows an accelerometer that is constant or on another body.
 
 Turns of an aircraft cause 0.14.
 """
@@ -54,7 +54,7 @@ MIN_SCATTER_RATIO: Final = 3.0
 """Smallest factor by which the right axes must reduce the scatter."""
 
 MAX_TIED_RATIO: Final = 1.5
-"""Largest ratio of scatters of axes that cannot be distinguished from the best ones."""
+"""Largest ratio of the scatter with some axes to that with the best axes, if they cannot be distinguished."""
 
 MIN_SIGNED_SINE: Final = 0.2
 """Smallest |sin I| at which its sign is used."""
@@ -66,7 +66,7 @@ def _change_count(axes: Axes) -> int:
 
 
 ALL_NEGATED: Final = "-x,-y,-z"
-"""Axes that turn gravity into specific force."""
+"""Axes that convert gravity to specific force."""
 
 ALL_AXES: Final = tuple(
     sorted(SIGNED_PERMUTATIONS, key=lambda axes: (axes.is_mirror and str(axes) != ALL_NEGATED, _change_count(axes)))
@@ -77,7 +77,8 @@ ALL_AXES: Final = tuple(
 class ForeignAxes(InputError):
     """Accelerometer and magnetometer have different axes.
 
-    `axes` are the matching ones; `scatter_deg` and `fitting_deg` are the scatter of the dip before and with them.
+    The attribute `axes` has the axes that match. `scatter_deg` is the scatter of the dip with the given axes,
+    `fitting_deg` that with the matching axes.
     """
 
     code = "foreign-axes"
@@ -89,7 +90,7 @@ class ForeignAxes(InputError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frames:
-    """Sums of products of field and specific force, by which each way to swap axes is judged."""
+    """Sums of products of field and specific force, by which all 48 ways to swap axes and signs are tested."""
 
     readings: int = 0  # count of readings at rest
     total: Floats | None = None  # (9,) sum of u = m fᵀ, row by row, both of length one
@@ -97,14 +98,14 @@ class Frames:
 
     @classmethod
     def of(cls, field: ArrayLike, specific_force: ArrayLike, *, gravity: float | None = None) -> Self:
-        """Sum up readings.
+        """Sum up the products of readings.
 
         Parameters
         ----------
         field : (N, 3)
             Corrected readings.
         specific_force : (N, 3)
-            In the axes that are tested to be the same.
+            Readings of the accelerometer; the test is whether their axes are those of the field.
         gravity : float, optional
             Length of the specific force at rest, in its own unit; by default its median. Readings that differ from it
             by more than a tenth are left out, as the sensor was shaken.
@@ -147,10 +148,10 @@ class Frames:
         return float(np.rad2deg(scatter / max((1.0 - mean**2) ** 0.5, scatter, 1e-9)))
 
     def fitting(self, sign: float = 0.0, *, applied: Axes = ALL_AXES[0]) -> tuple[Axes, ...]:
-        """Axes of the acceleration that match the field, in the order of increasing change; one if it is unambiguous.
+        """Axes of the acceleration that match the field, the smallest change first; more than one if ambiguous.
 
-        `sign` is that of the site's dip; if it is 0, unknown, right-handed axes are assumed. If undoing the mapping
-        `applied` to the acceleration before matches, right-handed or not, that comes first.
+        `sign` is the sign of the site's dip; 0 if it is unknown, and right-handed axes are then assumed. `applied` is
+        the mapping by which the acceleration was mapped before. If undoing it matches, that result comes first.
         """
         seen = [(axes, *self.dip(axes)) for axes in ALL_AXES]
         back = next(axes for axes in ALL_AXES if composed_axes(axes, applied) == ALL_AXES[0])
@@ -173,10 +174,10 @@ class Frames:
         return self.readings >= MIN_READINGS and self.dip()[1] > MIN_FOREIGN_SCATTER
 
     def refuse_foreign(self, *, site_dip_deg: float | None = None, applied: Axes = ALL_AXES[0]) -> None:
-        """Raise `ForeignAxes` if the axes of both sensors clearly differ, with the axes that match.
+        """Raise `ForeignAxes`, with the axes that match, if the axes of both sensors clearly differ.
 
-        The sign of `site_dip_deg`, the inclination at the site, distinguishes specific force from gravity. The
-        acceleration was mapped by `applied` before, and the named axes replace that mapping.
+        The sign of `site_dip_deg`, the inclination at the site, distinguishes specific force from gravity. `applied` is
+        the mapping by which the acceleration was mapped before; the axes in the error replace it.
         """
         if self.readings < MIN_READINGS:
             return
@@ -214,7 +215,7 @@ def median_length(force: Floats) -> float | None:
 
 
 def _advice(fitting: Sequence[Axes]) -> tuple[str, Hint]:
-    """Sentence on the error of the axes and its remedy, with the hint that maps those of the acceleration.
+    """Sentence on the error of the axes and its remedy, and the hint with the mapping of the acceleration.
 
     `fitting` has the matching mappings of the acceleration, the best first.
 

@@ -35,25 +35,25 @@ LEVEL: Final = "level"
 """Name of the heading from two axes."""
 
 STANDARD_GRAVITY: Final = 9.80665
-"""m/s²."""
+"""Standard gravity in m/s²."""
 
 RECORDED_AXES: Final = Axes()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Headings:
-    """Headings of N readings, in degrees, NaN if a reading has none; roll, pitch and dip need an accelerometer."""
+    """Headings of N readings in degrees, NaN for a reading without one; roll, pitch and dip need an accelerometer."""
 
-    magnetic_deg: Floats  # (N,) in [0, 360)
-    strength: Floats  # (N,) length of the corrected reading, as a share of the calibration's field
-    true_deg: Floats | None = None  # (N,) if the declination is known
-    roll_deg: Floats | None = None  # (N,) of a body with x forward, y right, z down
-    pitch_deg: Floats | None = None  # (N,)
-    dip_deg: Floats | None = None  # (N,) measured inclination of the field
-    frames: Frames = field(default_factory=Frames)  # sums that test the axes of the accelerometer; of a level sensor,
-    # whether z is down
-    accelerated: int = 0  # readings with an acceleration other than gravity
-    grid_deg: Floats | None = None  # (N,) from grid north, if the grid convergence is known
+    magnetic_deg: Floats  # (N,): magnetic headings, in [0, 360)
+    strength: Floats  # (N,): lengths of the corrected readings, as shares of the calibration's field
+    true_deg: Floats | None = None  # (N,): headings from true north, if the declination is known
+    roll_deg: Floats | None = None  # (N,): roll of a body with x forward, y right, z down
+    pitch_deg: Floats | None = None  # (N,): pitch of this body
+    dip_deg: Floats | None = None  # (N,): measured inclination of the field
+    # sums that test the axes of the accelerometer; for a level sensor they show whether z is down
+    frames: Frames = field(default_factory=Frames)
+    accelerated: int = 0  # count of readings with an acceleration other than gravity
+    grid_deg: Floats | None = None  # (N,): headings from grid north, if the grid convergence is known
 
     def __len__(self) -> int:
         return len(self.magnetic_deg)
@@ -94,13 +94,15 @@ class Compass:
     """Calibration, formula and settings that turn readings into headings; `UsageError` for an unknown formula."""
 
     calibration: Calibration
-    formula: str = "exact"  # of `flinders.heading.attitude.FORMULAS`, or "level": two axes, never tilted
-    acceleration_axes: Axes = RECORDED_AXES  # further rotation of the acceleration into the axes of the field
+    # name in `flinders.heading.attitude.FORMULAS`; or "level" for two axes of a sensor that is never tilted
+    formula: str = "exact"
+    acceleration_axes: Axes = RECORDED_AXES  # mapping of the acceleration to the axes of the field
     declination_deg: float | None = None  # true heading minus magnetic heading
     grid_declination_deg: float | None = None  # grid heading minus magnetic heading
-    gravity: float | None = None  # length of the acceleration at rest, in its own unit; else the median of each block
-    acceleration_bias: Floats | None = None  # (3,) m/s², bias in the calibration's axes, which is subtracted
-    acceleration_matrix: Floats | None = None  # (3, 3) factor after subtraction of the bias
+    # length of the acceleration at rest, in the unit of the recording; None for the median length of each block
+    gravity: float | None = None
+    acceleration_bias: Floats | None = None  # (3,), m/s²: bias in the calibration's axes, which is subtracted
+    acceleration_matrix: Floats | None = None  # (3, 3): matrix that is applied after the bias is subtracted
 
     def __post_init__(self) -> None:
         """Refuse an unknown formula."""
@@ -151,7 +153,7 @@ class Compass:
         return force
 
     def _from_north(self, magnetic: Floats) -> tuple[Floats | None, Floats | None]:
-        """Headings from true and from grid north; None if unknown."""
+        """Headings from true north and from grid north, each None if its declination is unknown."""
         known = (self.declination_deg, self.grid_declination_deg)
         true, grid = (None if angle is None else wrap_360(magnetic + angle) for angle in known)
         return true, grid
@@ -165,8 +167,8 @@ class HeadingSums:
     without_heading: int = 0  # count of readings without a heading
     accelerated: int = 0  # count of readings with an acceleration other than gravity
     frames: Frames = field(default_factory=Frames)
-    tilts: Floats = field(default_factory=lambda: np.zeros(181))  # histogram of the angle between z and down, in
-    # degrees
+    # (181,): histogram of the angle between z and down, in bins of 1°
+    tilts: Floats = field(default_factory=lambda: np.zeros(181))
 
     @classmethod
     def of(cls, headings: Headings) -> Self:
@@ -200,13 +202,13 @@ class HeadingSums:
 
     @property
     def tilt_deg(self) -> float:
-        """Tilt that 95 % of the readings do not exceed, in whole degrees."""
+        """Tilt in whole degrees that 95 % of the readings do not exceed."""
         tilts = self.tilts[::-1] if self.is_z_up else self.tilts
         total = tilts.cumsum()
         return float(np.searchsorted(total, 0.95 * total[-1])) if total[-1] else 0.0
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
+        """Values for JSON, by name."""
         plain: dict[str, Any] = {"readings": self.readings, "without_heading": self.without_heading}
         if self.frames.readings:
             dip, scatter = self.frames.dip_deg

@@ -13,9 +13,10 @@ A vertical offset does not change a level heading; its effect grows with the sin
 >>> round(attitude_limit_deg(sphere, vertical, limit_deg=0.573), 1)
 30.0
 
-The worst 1 σ is that of one heading, and the largest error within a whole turn is usually larger. To first order the
-heading error is B sin ζ + C cos ζ + D sin 2ζ + E cos 2ζ, with (B, C, D, E) = L z and four independent standard normal
-numbers z. With z = r θ, the length r and the direction θ, the largest error is r m(θ), m = max over ζ, and
+The worst 1 σ is that of one heading. The largest error within a whole turn is usually larger, so that a bound for all
+headings is computed. To first order the heading error at the heading ζ is B sin ζ + C cos ζ + D sin 2ζ + E cos 2ζ, with
+(B, C, D, E) = L z and four independent standard normal numbers z. Let r be the length and θ the direction of z. The
+largest error is then r m(θ), with m the largest over ζ of the error for r = 1, and
 
     P(largest ≤ u) = mean over θ of F(u / m(θ)),      F(x) = 1 − (1 + x²/2) exp(−x²/2)
 
@@ -75,18 +76,18 @@ class DirectionError(NamedTuple):
 class HeadingError:
     """Expected heading error of a vehicle, 1 σ, without its mean over a level turn."""
 
-    rms: float  #: degrees: over all headings
-    worst: float  #: degrees: at the worst heading
-    dip_deg: float  #: dip of the field for these errors, positive if the field points along +z
+    rms: float  #: degrees: rms over all headings
+    worst: float  #: degrees: error at the worst heading
+    dip_deg: float  #: dip of the field at which these errors hold, positive if the field points along +z
     tilt_deg: float = 0.0  #: angle by which the vehicle is rolled or pitched, in any direction; 0 if level
 
     def add_independent(self, angle_deg: float) -> HeadingError:
-        """Add an independent error of each heading."""
+        """Add an independent error of `angle_deg` at each heading."""
         rms, worst = math.hypot(self.rms, angle_deg), math.hypot(self.worst, angle_deg)
         return HeadingError(rms, worst, self.dip_deg, self.tilt_deg)
 
     def as_dict(self, **more: float) -> dict[str, float]:
-        """JSON-ready: rms, worst, and further keys from `more`."""
+        """JSON of rms and worst, with further keys and values in `more`."""
         return {"rms": self.rms, "worst": self.worst, **more}
 
     def __repr__(self) -> str:
@@ -99,9 +100,9 @@ def level_error(
 ) -> HeadingError:
     """Propagate the covariance of (b, S) to the heading of a level vehicle.
 
-    With the field u(ψ) = (cos I cos ψ, −cos I sin ψ, sin I) in body axes (z down) and the corrected reading's error δu
-    = −S⁻¹(δb + δS u), the heading error is δψ = −(sin ψ δu₁ + cos ψ δu₂)/cos I. Its constant part is an error of the
-    mounting, which a magnetometer cannot observe, and is removed.
+    The field is u(ψ) = (cos I cos ψ, −cos I sin ψ, sin I) in body axes (z down), and the error of the corrected reading
+    is δu = −S⁻¹(δb + δS u). The heading error is then δψ = −(sin ψ δu₁ + cos ψ δu₂)/cos I. The mean over all headings
+    is removed, because a magnetometer cannot distinguish it from an error of the mounting.
 
     Raises `UsageError` within a degree of the magnetic poles, where there is no heading.
 
@@ -112,16 +113,16 @@ def level_error(
     dip_deg : float
         Inclination of the field at the site; negative in the south.
     down : (3,) float, optional
-        Which way is down when the vehicle is level, in corrected sensor axes; by default +z. A sensor that is
-        mounted with a small tilt is judged about the vehicle's vertical.
+        Down direction of the level vehicle in corrected sensor axes; by default +z. For a sensor that is mounted with a
+        small tilt it is the vehicle's vertical.
     """
     return tilted_error(ellipsoid, covariance, dip_deg=dip_deg, down=down)
 
 
 def level_gradients(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0, down: Floats | None = None) -> Floats:
-    """(72, 9) derivatives of the heading ψ of a level vehicle by (b, S) at each heading, without their mean, rad/unit.
+    """(72, 9) derivatives of the heading of a level vehicle by (b, S), in rad/unit, at 72 headings, without their mean.
 
-    Their sign is arbitrary, as it does not affect variances; parameters as for `level_error`.
+    The sign of all derivatives is arbitrary, as it does not affect variances. Parameters are those of `level_error`.
 
     Raises `UsageError` within a degree of the magnetic poles.
     """
@@ -140,23 +141,24 @@ def deviation_covariance(
     rotation: Floats | None = None,
     rotation_covariance: Floats | None = None,
 ) -> Floats:
-    """Propagate the covariance of (b, S) to the remaining deviation of a level vehicle: (4, 4) of B, C, D, E.
+    """Propagate the covariance of (b, S) to the deviation coefficients B, C, D, E that remain for a level vehicle.
 
-    The heading error over a level turn, as in `body_error`, is A + B sin ζ + C cos ζ + D sin 2ζ + E cos 2ζ to first
-    order, so that each coefficient is twice the mean of the error times its harmonic. A is an error of the mounting.
+    The heading error over a level turn is A + B sin ζ + C cos ζ + D sin 2ζ + E cos 2ζ to first order. Each of the four
+    coefficients is twice the mean of the error times its harmonic. A is an error of the mounting.
 
     Raises `UsageError` within a degree of the magnetic poles.
 
     Parameters
     ----------
     covariance : (9, 9) float
-        As for `level_error`, as are `dip_deg` and `down`; `down` is in axes of the body if a rotation is given.
+        As for `level_error`, like `dip_deg` and `down`; `down` is in axes of the body if a rotation is given.
     rotation, rotation_covariance : (3, 3) float, optional
         As for `body_error`; by default no rotation, known exactly.
 
     Returns
     -------
     (4, 4) degrees²
+        Covariance of B, C, D and E.
 
     Examples
     --------
@@ -166,7 +168,7 @@ def deviation_covariance(
     >>> np.sqrt(np.diagonal(deviation_covariance(sphere, fore_and_aft)).clip(0)).round(2)
     array([1.15, 0.  , 0.  , 0.  ])
 
-    A tilt of the axes by 1° causes one by the vertical field:
+    A tilt of the axes by 1° causes a deviation by the vertical field:
 
     >>> tilt = np.diag([np.radians(1.0) ** 2, 0.0, 0.0])
     >>> tilted = deviation_covariance(sphere, np.zeros((9, 9)), rotation=np.eye(3), rotation_covariance=tilt)
@@ -189,19 +191,19 @@ def tilted_error(
 ) -> HeadingError:
     """Propagate the covariance of (b, S) to the heading of a vehicle that is rolled or pitched.
 
-    The vehicle's tilt T, a rotation by `tilt_deg` about a horizontal axis, is known and readings are rotated back by
-    it. The field in its axes is v = Tᵀu(ψ), read with the error δv = −S⁻¹(δb + δS v), so that the heading error is that
-    of a level vehicle for T δv. The constant part of the *level* error is an error of the mounting and removed; errors
-    that the tilt adds, in each of 24 directions, are included.
+    The tilt of the vehicle is a rotation T by `tilt_deg` about a horizontal axis. It is known, and readings are rotated
+    back by it. The field in axes of the vehicle is v = Tᵀu(ψ), which is read with the error δv = −S⁻¹(δb + δS v). The
+    heading error is that of a level vehicle for the error T δv. The mean of the *level* error is removed, as it is an
+    error of the mounting. Errors that the tilt adds are included, for 24 directions of the tilt.
 
     Raises `UsageError` within a degree of the magnetic poles.
 
     Parameters
     ----------
     covariance : (9, 9) float
-        As for `level_error`, as are `dip_deg` and `down`.
+        As for `level_error`, like `dip_deg` and `down`.
     tilt_deg : float
-        0 for level to 180 for upside down.
+        Tilt: 0 is level, 180 is upside down.
     """
     require_headings(dip_deg)
     rms, worst = engine().tilted_error(ellipsoid.shape, covariance, dip_deg=dip_deg, tilt_deg=tilt_deg, down=down)
@@ -218,8 +220,8 @@ def attitude_limit_deg(
 ) -> float:
     """Largest roll or pitch, in any direction, at which the worst heading error is within a limit, in degrees.
 
-    The largest tilt up to which `tilted_error` stays within `limit_deg`: 0 if a level vehicle exceeds it, 180 if all
-    attitudes are within. It is searched in steps of 5°, then refined to 0.01°.
+    It is the largest tilt up to which `tilted_error` stays within `limit_deg`, searched in steps of 5° and then refined
+    to 0.01°. The result is 0 if a level vehicle exceeds the limit, and 180 if no attitude does.
 
     Raises `UsageError` within a degree of the magnetic poles.
     """
@@ -230,15 +232,15 @@ def attitude_limit_deg(
 def direction_error_deg(ellipsoid: Ellipsoid, covariance: Floats) -> DirectionError:
     """Expected error of the direction of the corrected field over the whole sphere: rms and worst, degrees, 1 σ.
 
-    By `direction_errors_deg` in 400 directions.
+    It is computed by `direction_errors_deg` in 400 directions.
     """
     return DirectionError.of(direction_errors_deg(ellipsoid, covariance, _SPHERE_DIRECTIONS))
 
 
 def direction_errors_deg(ellipsoid: Ellipsoid, covariance: Floats, directions: Floats) -> Floats:
-    """(K,) expected error of the direction of the corrected field that points along each u, degrees, 1 σ.
+    """(K,) expected error of the corrected field's direction, for a field along each of K directions, degrees, 1 σ.
 
-    It is the length of the error δu = −S⁻¹(δb + δS u) perpendicular to u, which acts fully on an attitude filter.
+    It is the length of the part of δu = −S⁻¹(δb + δS u) perpendicular to the direction u.
 
     Parameters
     ----------
@@ -260,7 +262,7 @@ def direction_errors_deg(ellipsoid: Ellipsoid, covariance: Floats, directions: F
 def alignment_error_deg(sigma_deg: float, *, dip_deg: float = 60.0) -> float:
     """Heading error (1 σ, degrees) of a level vehicle from a mounting with the uncertainty `sigma_deg` about each axis.
 
-    A rotation about z adds to the heading directly; a tilt mixes in the vertical field, multiplied by tan I.
+    A rotation about z adds to the heading directly; a tilt changes the heading by tan I times the tilt.
 
     >>> round(alignment_error_deg(1.0, dip_deg=60.0), 2)
     2.0
@@ -271,11 +273,11 @@ def alignment_error_deg(sigma_deg: float, *, dip_deg: float = 60.0) -> float:
 def body_error(
     ellipsoid: Ellipsoid, covariance: Floats, rotation: Floats, rotation_covariance: Floats, *, dip_deg: float = 60.0
 ) -> HeadingError:
-    """Propagate the covariances of (b, S) and of the rotation R into a body to the heading of that body, level.
+    """Propagate the covariances of (b, S) and of the rotation R into body axes to the heading of the level body.
 
-    The field is u(ψ) in body axes and Rᵀu in the magnetometer's, and the corrected R (Rᵀu + δu) is further rotated by
-    δθ: the heading error is that of R δu + δθ × u. Both errors are taken as independent. The constant part is not
-    removed, as it is the error of the mounting, which is known here.
+    The field is u(ψ) in body axes and Rᵀu in the magnetometer's axes. The calibration has the error δu, and the
+    rotation has the error δθ. The heading error is then that of the field error R δu + δθ × u. Both errors are taken as
+    independent. The mean error is not removed, because the mounting is known here.
 
     Raises `UsageError` within a degree of the magnetic poles.
 
@@ -284,13 +286,13 @@ def body_error(
     covariance : (9, 9) float
         As for `level_error`.
     rotation : (3, 3) float
-        From the magnetometer's own axes to those of the body.
+        Rotation from the magnetometer's own axes to those of the body.
     rotation_covariance : (3, 3) rad²
-        Covariance of its rotation vector, in axes of the body.
+        Covariance of the rotation vector of the error δθ, in axes of the body.
 
     Examples
     --------
-    A rotation about z changes the heading directly, a tilt mixes in the vertical field:
+    A rotation about z changes the heading directly, a tilt by way of the vertical field:
 
     >>> sphere, exact = Ellipsoid(np.zeros(3), 50.0 * np.eye(3)), np.zeros((9, 9))
     >>> body_error(sphere, exact, np.eye(3), np.diag([0.0, 0.0, np.radians(1.0) ** 2]))
@@ -304,7 +306,7 @@ def body_error(
 
 
 def _body_gradients(ellipsoid: Ellipsoid, rotation: Floats, dip_deg: float, down: Floats | None) -> Floats:
-    """(72, 12) derivatives of the heading of a level body by (b, S) and by its rotation, up to the sign."""
+    """(72, 12) derivatives of the heading of a level body by (b, S) and by the rotation; their sign is arbitrary."""
     across, directions = level_fields(dip_deg, down)
     vectors = np.linalg.solve(ellipsoid.shape, rotation.T @ across)
     own = parameter_derivatives(vectors, rotation.T @ directions)
@@ -323,8 +325,8 @@ def _with_rotation(covariance: Floats, rotation_covariance: Floats | None) -> Fl
 def raw_error(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0, down: Floats | None = None) -> HeadingError:
     """Heading error of a level vehicle with uncorrected readings.
 
-    It is the heading of b + S u(ψ) minus ψ, without its mean. If the offset is larger than the horizontal field, the
-    raw heading does not cover the full circle, and the error reaches 180°.
+    It is the heading of the raw reading b + S u(ψ) minus the true heading ψ, without the mean over ψ. If the offset is
+    larger than the horizontal field, the raw heading does not cover the full circle, and the error reaches 180°.
 
     Raises `UsageError` within a degree of the magnetic poles.
     """
@@ -341,7 +343,7 @@ def level_turn(dip_deg: float, down: Floats | None = None) -> tuple[Floats, Floa
     Parameters
     ----------
     down : (3,) float, optional
-        Which way is down when the vehicle is level, in corrected sensor axes; by default +z.
+        Down direction of the level vehicle in corrected sensor axes; by default +z.
 
     Examples
     --------
@@ -355,7 +357,7 @@ def level_turn(dip_deg: float, down: Floats | None = None) -> tuple[Floats, Floa
 
 @lru_cache(maxsize=16)
 def _turn_at(dip_deg: float) -> tuple[Floats, Floats, Floats]:
-    """(72,) headings, (3, 72) fields and (3, 72) derivatives of the heading by an error of the field, read-only."""
+    """(72,) headings, (3, 72) fields, and (3, 72) derivatives of the heading by the field, all read-only."""
     require_headings(dip_deg)
     dip = np.deg2rad(dip_deg)
     heading = np.arange(HEADINGS) * (2.0 * np.pi / HEADINGS)
@@ -374,7 +376,7 @@ def require_headings(dip_deg: float) -> None:
 
 
 def upright(down: Floats) -> Floats:
-    """(3, 3) smallest rotation from +z to `down` (3,); about the x axis if `down` is −z.
+    """(3, 3) rotation by the smallest angle from +z to the (3,) direction `down`; about the x axis if that is −z.
 
     >>> upright(np.array([0.0, 0.0, -1.0])).tolist()
     [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]]
@@ -388,7 +390,7 @@ def upright(down: Floats) -> Floats:
 
 
 def level_fields(dip_deg: float, down: Floats | None = None) -> tuple[Floats, Floats]:
-    """(3, 72) horizontal vectors along which a field error is a heading error, and (3, 72) fields of a level turn."""
+    """(3, 72) derivatives of the heading by the field, and (3, 72) fields, in a level turn about `down`."""
     _, directions, across = _turn_at(float(dip_deg))
     if down is None:
         return across, directions
@@ -405,7 +407,10 @@ def _in_degrees(gradient: Floats, covariance: Floats) -> tuple[float, float]:
 def level_bound_deg(
     ellipsoid: Ellipsoid, covariance: Floats, *, dip_deg: float = 60.0, down: Floats | None = None
 ) -> float:
-    """95 % bound of the level heading error over a whole turn, degrees; parameters as for `level_error`."""
+    """95 % bound in degrees of the heading error of a level vehicle over a whole turn.
+
+    Parameters are those of `level_error`.
+    """
     require_headings(dip_deg)
     return engine().heading_bound(ellipsoid.shape, covariance, dip_deg=dip_deg, down=down)
 

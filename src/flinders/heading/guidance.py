@@ -1,15 +1,15 @@
 """Guidance: the attitude to turn the sensor to next, so that the worst error falls fastest.
 
-A design of readings is G-optimal if no other design has a smaller largest variance of the predictions (Kiefer and
-Wolfowitz 1960). Predicted here is not the next reading but the heading of a level vehicle, or the field's direction at
-any attitude. The covariance P of the parameters is known after a fit. A reading in the direction u measures one
-combination of the parameters, the distance of the surface there, with the Jacobian j of
-`flinders.likelihood.magnitude`. So the covariance after a batch of n readings can be computed before they are taken,
+A design of readings is G-optimal if it minimises the largest variance of the predictions (Kiefer and Wolfowitz 1960).
+The predictions are here the headings of a level vehicle, or the field's direction at any attitude. The covariance P of
+the parameters is known after a fit. A reading in the direction u measures one combination of the parameters, the
+distance of the surface in this direction, with the Jacobian j of `flinders.likelihood.magnitude` and the variance v. So
+the covariance after a batch of n readings can be computed before they are taken,
 
     P′ = P − P j jᵀ P / (v/n + jᵀ P j)
 
-for all 100 directions together, and the best of them is the advice. Repeating this is a sequential design (as in Wynn
-1970). It takes readings where they reduce the error, and does not fill the sphere evenly.
+for each of 100 directions, and the best of them is the advice. To repeat this is a sequential design (as in Wynn 1970).
+Readings are then taken where they reduce the error; the sphere is not filled evenly.
 
 After all headings with tilts up to 35°, the error is small for level headings and large for upside-down attitudes:
 
@@ -62,38 +62,39 @@ FRAMES: Final[tuple[Frame, ...]] = ("vehicle", "sensor")
 class Guidance:
     """Error in each direction, and the direction where the next readings help most, in corrected sensor axes."""
 
-    errors_deg: Floats  # (100,) 1 σ of the direction of the field in each of `flinders.summary.coverage.CELL_CENTRES`
+    # (100,): 1 σ of the field's direction, for a field along each of `flinders.summary.coverage.CELL_CENTRES`
+    errors_deg: Floats
     worst_deg: float  # worst error of a level heading, or of any direction for the goal "attitude"
-    direction: Floats  # (3,), one of the cells: direction of the field for the next readings
-    after_deg: float  # predicted `worst_deg` after a batch there
+    direction: Floats  # (3,): direction of the field for the next readings, the centre of one of the 100 cells
+    after_deg: float  # predicted `worst_deg` after a batch of readings in `direction`
     goal: Goal = "heading"
     dip_deg: float = 60.0  # inclination of the field at the site
-    down: Floats = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))  # (3,), direction of down when level
+    # (3,): down direction of the level vehicle
+    down: Floats = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
 
     def is_reached(self, target_deg: float) -> bool:
-        """Whether the worst error by the covariance is within the target; a verdict has further rules."""
+        """Whether the worst error by the covariance meets the target; a verdict has further rules."""
         return self.worst_deg <= target_deg
 
     def pose(self, frame: Frame = "vehicle") -> Pose:
-        """Simple attitude to hold while turning once around, so that the field passes close to the advised direction.
+        """Simplest attitude to hold while turning once around, so that the field passes near the advised direction.
 
-        While a body turns about the vertical through all headings, the field has a constant angle of 90° − I from the
-        vertical, wherever north is. An attitude is suitable if its vertical has that angle to the advised direction.
-        For dips up to 75° one of `poses` has it to within 15°, usually to a few degrees; the simplest such pose is
-        returned.
+        While a body turns about the vertical through all headings, the angle between field and vertical is 90° − I. An
+        attitude is suitable if its vertical has this angle to the advised direction. For dips up to 75° one of `poses`
+        has it to within 15°, usually to a few degrees.
         """
         return poses(frame)[self.pose_number(frame)]
 
     def pose_number(self, frame: Frame) -> int:
-        """Index of that attitude among the poses of a frame."""
+        """Index of the result of `pose` among the `poses` of a frame."""
         goal = goal_row(self.goal, dip_deg=self.dip_deg, down=self.down)
         return engine().pose_towards(FRAMES.index(frame), goal, self.direction)
 
     def words(self, frame: Frame = "vehicle") -> str:
-        """Instruction for the next turn, which needs no knowledge of north or of the direction of the field.
+        """Instruction for the next turn in words, which need no knowledge of north.
 
-        For a ``vehicle`` with axes forward, right, down when level, the words are nose, sides and upside down; for a
-        bare ``sensor`` the sides that its axes point out of.
+        For a ``vehicle`` with axes forward, right, down the words are nose, sides and upside down. For a bare
+        ``sensor`` they are the sides out of which its axes point.
         """
         return f"hold it {self.pose(frame).words} and turn it slowly once around, keeping it so"
 
@@ -103,10 +104,10 @@ class Guidance:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pose:
-    """An attitude without its heading."""
+    """An attitude of a body at any heading."""
 
-    down: Floats  # (3,) unit vector towards the ground, in body axes
-    words: str  # after "hold it"
+    down: Floats  # (3,): unit vector towards the ground, in body axes
+    words: str  # the attitude in words, to follow "hold it"
     effort: int  # count of angles to estimate by eye; 0 if a side points down
 
 
@@ -121,7 +122,7 @@ def guide(
     goal: Goal = "heading",
     batch: float | None = None,
 ) -> Guidance:
-    """Find the direction in which readings reduce the worst error most.
+    """Find the direction in which further readings reduce the worst error most.
 
     Raises `UsageError` within a degree of the magnetic poles, for the goal ``heading``.
 
@@ -132,12 +133,12 @@ def guide(
     noise : float
         Standard deviation of a reading's distance from the surface, in the unit of the readings.
     coverage : Coverage
-        Coverage of the readings of that covariance; `reading_variance` uses both.
+        Directions of the readings that gave the covariance, as input of `reading_variance`.
     dip_deg : float
         Inclination of the field at the site, with its sign: positive in the north.
     down : (3,) float, optional
-        Which way is down when the vehicle is level, in corrected sensor axes; by default +z. For a sensor that is
-        mounted upside down this is −z, and the dip keeps its sign.
+        Down direction of the level vehicle in corrected sensor axes; by default +z. For a sensor that is mounted upside
+        down it is −z, and the dip keeps its sign.
     goal : str
         ``heading`` of a level vehicle, or ``attitude`` for the field's direction at any attitude.
     batch : float, optional
@@ -159,7 +160,7 @@ def guide(
 
 
 def goal_row(goal: Goal, *, dip_deg: float, down: Floats | None, target_deg: float = 1.0) -> Records:
-    """Record of the goal for the engine; parameters as for `guide`."""
+    """Record of the goal for the engine; parameters are those of `guide`."""
     row = np.zeros((), dtype=GOAL)
     row["is_attitude"], row["dip_deg"], row["target_deg"] = goal == "attitude", dip_deg, target_deg
     row["down"] = (0.0, 0.0, 1.0) if down is None else down
@@ -167,12 +168,12 @@ def goal_row(goal: Goal, *, dip_deg: float, down: Floats | None, target_deg: flo
 
 
 def reading_variance(ellipsoid: Ellipsoid, covariance: Floats, noise: float, counts: Floats) -> float:
-    """Effective variance v of a reading, in unit², for which (100,) counted readings give the claimed covariance.
+    """Effective variance v of a further reading, in unit², by the claimed covariance P and the (100,) counts by cell.
 
-    For independent readings P = σ² M⁻¹ with M = Σ JJᵀ, and all eigenvalues of M P are σ². If residuals are correlated,
-    P is larger, and a further reading has proportionally less information. In directions of parameter space that
-    readings do not determine, the eigenvalue is too small because of the prior, or too large because of the width of
-    the cells over which M sums. Therefore v is the median eigenvalue, but at least the variance of the noise.
+    For independent readings P = σ² M⁻¹ with M = Σ JJᵀ, so that all eigenvalues of M P are σ². If residuals are
+    correlated, P is larger, and a further reading has proportionally less information. In directions of parameter space
+    that readings do not determine, an eigenvalue is too small because of the prior, or too large because M is a sum
+    over wide cells. Therefore v is the median eigenvalue, but at least the variance of the noise.
 
     >>> from flinders.geometry.ellipsoid import Ellipsoid
     >>> from flinders.likelihood import magnitude
@@ -187,6 +188,6 @@ def reading_variance(ellipsoid: Ellipsoid, covariance: Floats, noise: float, cou
 
 @cache
 def poses(frame: Frame) -> tuple[Pose, ...]:
-    """The attitudes that advice can name, for a frame."""
+    """The attitudes that guidance can advise, for a frame."""
     placed = (engine().pose(FRAMES.index(frame), number) for number in range(len(POSE_WORDS[frame])))
     return tuple(Pose(down, words, effort) for (down, effort), words in zip(placed, POSE_WORDS[frame], strict=True))

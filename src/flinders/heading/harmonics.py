@@ -1,4 +1,4 @@
-"""Harmonics of a heading up to the second, the deviation of a level compass by its offset and matrix."""
+"""Harmonics of a heading up to the second, in which the deviation of a level compass is expanded."""
 
 from __future__ import annotations
 

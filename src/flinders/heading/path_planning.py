@@ -1,14 +1,14 @@
 """Path planning: how to turn a sensor, several turns ahead, so that the target is reached with little rotation.
 
-`flinders.heading.guidance` finds the most informative readings. A sensor takes readings during the whole rotation, so
-that the path counts. In body axes the field's direction moves along a path on the sphere. The information of each part
-of a path can be computed in advance, and the best of many paths is the advice. Paths lead over 42 waypoints, about 35°
-apart; a beam search keeps the paths with the smallest predicted worst error, and selects the first path that reaches
-the target. The path is planned again after 0.25 s.
+`flinders.heading.guidance` finds the direction of the most informative readings. A sensor also takes readings while it
+is turned there, so that the path matters. In body axes the field's direction moves along a path on the sphere. The
+information of each part of a path can be computed in advance, and the best of many paths is the advice. Paths lead over
+42 waypoints, about 35° apart. A beam search keeps the paths with the smallest predicted worst error, and selects the
+first path that reaches the target. The path is planned again after 0.25 s.
 
-In the first seconds there is no fit, and so no centre for directions. A few readings on an arc determine the centre in
-their plane, but not across it: `rough_belief` places a sphere there, with a covariance that is large across the
-plane, so that the path leads out of the plane.
+In the first seconds there is no fit, and so no centre from which directions are counted. A few readings on an arc
+determine the centre in the plane of the arc, but not perpendicular to it. `rough_belief` assumes a sphere whose
+covariance is large perpendicular to the plane, so that the path leads out of the plane.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -59,11 +59,11 @@ if TYPE_CHECKING:
     from flinders.summary.coverage import Coverage
 
 READINGS_PER_DEG: Final = 50.0 / 90.0
-"""Readings per degree of a sensor at 50 Hz that is turned by 90° per second."""
+"""Count of readings per degree for a sensor at 50 Hz that is turned by 90° a second."""
 
 
 class UncertainEllipsoid(Protocol):
-    """Attributes of a claim that path planning uses."""
+    """Attributes of a claim that path planning needs."""
 
     @property
     def ellipsoid(self) -> Ellipsoid: ...  # noqa: D102
@@ -74,12 +74,12 @@ class UncertainEllipsoid(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Belief:
-    """Estimate with its covariance before the next reading, and the variance of a reading."""
+    """State of knowledge before the next reading: an estimate with its covariance, and the variance of a reading."""
 
     ellipsoid: Ellipsoid
-    covariance: Floats  # (9, 9) of (b, S), in unit²
+    covariance: Floats  # (9, 9): covariance of (b, S), in unit²
     variance: float  # variance of the distance of a further reading from the surface, in unit²
-    is_rough: bool = False  # whether it comes from `rough_belief`, not from a fit
+    is_rough: bool = False  # whether the estimate comes from `rough_belief`, not from a fit
 
     @classmethod
     def of(cls, claim: UncertainEllipsoid, noise: float, coverage: Coverage) -> Self:
@@ -103,11 +103,11 @@ class Belief:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Route:
-    """Advised path of the field's direction in body axes; unit vectors in corrected sensor axes."""
+    """Advised path of the field's direction in body axes; directions are unit vectors in corrected sensor axes."""
 
-    start: Floats  # (3,) direction of the field now
-    waypoints: Floats  # (K, 3), connected by great circles
-    worst_deg: float  # worst error of the goal now
+    start: Floats  # (3,): direction of the field now
+    waypoints: Floats  # (K, 3): next directions, connected by great circles
+    worst_deg: float  # worst error now, of headings or directions by the goal
     after_deg: float  # predicted worst error at the end of the path
 
     def words(self, frame: Frame = "vehicle") -> str:
@@ -134,7 +134,7 @@ def plan(
     down: Floats | None = None,
     readings_per_deg: float = READINGS_PER_DEG,
 ) -> Route:
-    """Find the shortest path to a worst error below the target, or the path of six steps with the smallest error.
+    """Find the shortest path that brings the worst error below the target, else the best path of six steps.
 
     Raises `ArrayError` for a direction of another shape or without length; `UsageError`: within a degree of the
     magnetic poles, for the goal ``heading``.
@@ -150,7 +150,7 @@ def plan(
     dip_deg : float
         Inclination of the field at the site, positive in the north.
     down : (3,) float, optional
-        Which way is down when the vehicle is level, in corrected sensor axes; by default +z.
+        Down direction of the level vehicle in corrected sensor axes; by default +z.
     readings_per_deg : float
         Readings per degree of rotation.
     """
@@ -166,9 +166,9 @@ def plan(
 def rough_belief(readings: ArrayLike) -> Belief | None:
     """Rough sphere through (N, 3) raw readings that are not sufficient for a fit; None for too few or a short arc.
 
-    A linear least-squares sphere (|x|² = 2 c·x + k) in the plane, or space, over which the readings spread; along an
-    axis without spread its centre is their mean. In undetermined directions the covariance is that of common hard and
-    soft iron, with standard deviations of one radius for the offset and 0.3 radii for the shape.
+    The sphere is fitted by linear least squares (|x|² = 2 c·x + k) in the plane or space over which the readings
+    spread. Along an axis without spread the centre is their mean. In undetermined directions the covariance is that of
+    common hard and soft iron: 1 σ of one radius for the offset, and of 0.3 radii for the shape.
 
     Raises `ArrayError` for another shape, or values that are not finite.
     """
@@ -180,7 +180,7 @@ def rough_belief(readings: ArrayLike) -> Belief | None:
 
 
 def _turn(axis: Floats, frame: Frame) -> str:
-    """Words for a turn about an axis, by the nearest axis of the body.
+    """Words for a turn about the axis of the body that is nearest to (3,) `axis`.
 
     >>> _turn(np.array([1.0, 0.0, 0.4]), "vehicle"), _turn(np.array([0.0, -1.0, 0.4]), "sensor")
     ('roll it to its right', 'about y (x towards z)')
@@ -201,7 +201,7 @@ TURNS: Final[dict[Frame, tuple[tuple[str, str], ...]]] = {
         ("about z (x towards y)", "about z (y towards x)"),
     ),
 }
-"""Words for turns about each axis, right-handed and left-handed."""
+"""Words for a right-handed and a left-handed turn about each axis, by frame."""
 
 
 def _unit(values: ArrayLike) -> Floats:

@@ -1,6 +1,6 @@
 """Filters for noisy readings: moving average, running median, and a Kalman filter for a constant field.
 
-A fit needs none of them: a likelihood averages over all readings already, and the mean of several readings of a turning
+A fit needs no filter: the likelihood averages over all readings already, and the mean of several readings of a turning
 sensor lies inside the ellipsoid. Filters are for uses of single readings: a display of headings, a corrected stream,
 and methods that use extremes.
 
@@ -48,19 +48,19 @@ MAX_WIDTH: Final = 999
 """Largest width in readings; larger ones are not useful for a compass."""
 
 MIN_PAUSE_STEPS: Final = 20.0
-"""Smallest time without a reading after which a filter restarts, in mean steps of the clock."""
+"""Smallest pause after which a filter restarts, in mean intervals between readings."""
 
 STEPS_IN_MEAN: Final = 10
-"""Number of time steps in the mean step; a much longer step is a pause."""
+"""Count of intervals between readings in the mean interval."""
 
 MAX_CHI2: Final = 21.108
-"""χ² with three degrees of freedom that chance exceeds with a probability of 0.01 %."""
+"""χ² with three degrees of freedom that is exceeded by chance with a probability of 0.01 %."""
 
 MAX_REJECTED: Final = 3
-"""Excess of rejected over accepted readings at which the field counts as changed."""
+"""Count of rejected minus accepted readings, since the first rejected one, at which the field counts as changed."""
 
 INITIAL_INNOVATIONS, SCALE_INNOVATIONS = 11, 50
-"""Count of first innovations, all accepted, for the initial scale; and count of innovations for the later scale."""
+"""Count of innovations for the scale of the noise: of the first ones, which are all accepted, and later."""
 
 MEDIAN_CHI2: Final = 2.366
 """Median of χ² with three degrees of freedom."""
@@ -78,17 +78,17 @@ class Filter:
     ``"median"``
         The median of `width` readings, axis by axis. It removes single spikes, and up to (width − 1)/2 in a row.
     ``"kalman"``
-        State: the field, a random walk from one reading to the next; measurement: the field and white noise. The walk
-        has the standard deviation λ σ for a noise of σ, λ² = K²/(1 − K) with K = 2/(width + 1), so that in the steady
-        state the noise is that of the mean of `width` readings. σ is estimated from the innovations, and a reading
-        is dropped if the probability of an innovation as large is below 0.01 %. If three in a row are dropped, or three
-        more than accepted meanwhile, the field has changed: the filter continues from the new field. The first
-        eleven innovations are all accepted, as σ is unknown.
+        The state is the field, which changes from one reading to the next by a random walk; a reading is the field plus
+        white noise of σ. The walk has the standard deviation λ σ, λ² = K²/(1 − K) with K = 2/(width + 1), so that in
+        the steady state the noise is that of the mean of `width` readings. σ is estimated from the innovations. A
+        reading is dropped if an innovation as large has a probability below 0.01 %. If three readings in a row are
+        dropped, or three more than are accepted meanwhile, the field has changed, and the filter continues from the new
+        field. The first eleven innovations are all accepted, because σ is not yet known.
 
     Parameters
     ----------
     width : int, readings
-        Odd for a window, so that there is a reading in its middle.
+        Width; odd for a window, so that there is a reading in its middle.
 
     Raises
     ------
@@ -135,10 +135,10 @@ class Filter:
     def remaining_share(self, angle_deg: float) -> float:
         """Share of the radius of a circle that the filter leaves, for a uniform turn of 0 to 180° per reading.
 
-        A mean of w readings leaves |sin(wθ/2) / (w sin(θ/2))|. A Kalman filter in its steady state is an exponential
-        mean, and leaves K / √(K² + 4(1 − K) sin²(θ/2)). A median clips each axis at cos((w − 1)θ/4) of the radius for
-        fine steps, and a little lower for coarse ones. The result is no circle; the share is half of its width along
-        the axes, up to (w − 1)θ/2 = 90°.
+        For w readings and an angle θ between them, a mean leaves |sin(wθ/2) / (w sin(θ/2))|. A Kalman filter in its
+        steady state is an exponential mean, and leaves K / √(K² + 4(1 − K) sin²(θ/2)). A median limits each axis to
+        cos((w − 1)θ/4) of the radius for a small θ, and to a little less for a large θ. The result of a median is not
+        a circle; its share is half of its width along the axes, up to (w − 1)θ/2 = 90°.
 
         >>> average, median = Filter("moving-average", 9), Filter("median", 9)
         >>> round(average.remaining_share(20.0), 3), round(median.remaining_share(20.0), 3)
@@ -165,8 +165,9 @@ class Filter:
     def start(self, *, centred: bool) -> SmoothingStream:
         """Start the filter for one recording.
 
-        A centred window is symmetric about its reading, which is returned after the following readings have arrived.
-        Other windows end with their reading, which is returned immediately, as by a Kalman filter.
+        With `centred`, a window is symmetric about its reading, so that the filtered reading is returned only after the
+        following readings have arrived. Otherwise a window ends with its reading, and the filtered reading is returned
+        immediately. A Kalman filter always returns immediately.
         """
         return SmoothingStream(self, centred=centred)
 
@@ -177,7 +178,7 @@ class Filter:
 def filter_recording(recording: Recording, by: Filter) -> Recording:
     """A recording with filtered readings; each of several files is filtered separately.
 
-    Windows are centred, so that there is no delay, and the other columns of each reading are unchanged. Readings that a
+    Windows are centred, so that there is no delay. The other columns of each reading are unchanged. Readings that a
     Kalman filter drops are left out with all their columns.
     """
     if isinstance(recording, Joined):
@@ -214,12 +215,12 @@ class FilteredRecording(RecordingWrapper):
 class FilteredReadings:
     """Filtered readings; the value of a dropped reading is its prediction."""
 
-    field: Floats  # (N, 3)
-    accepted: NDArray[np.bool_]  # (N,) whether the reading was not dropped
+    field: Floats  # (N, 3): filtered readings
+    accepted: NDArray[np.bool_]  # (N,): whether each reading was not dropped
 
     @classmethod
     def nothing(cls) -> FilteredReadings:
-        """No readings, the identity of ``+``."""
+        """No readings, the zero of addition."""
         return cls(np.empty((0, 3)), np.empty(0, dtype=bool))
 
     def of(self, samples: Samples) -> Samples:
@@ -244,8 +245,9 @@ class FilteredReadings:
 class SmoothingStream:
     """A running filter of one recording, which takes readings in blocks of any size.
 
-    It restarts if the clock steps back, and after a pause of 20 mean steps, as readings before a pause are unrelated to
-    those after it. The mean step comes from ten steps; without times no pause is detected.
+    The filter restarts if the clock steps back, and after a pause of 20 mean intervals between readings, because
+    readings before a pause are unrelated to those after it. The mean is over ten intervals. Without times no pause is
+    detected.
     """
 
     def __init__(self, by: Filter, *, centred: bool) -> None:
@@ -260,7 +262,7 @@ class SmoothingStream:
         return self._pauses + self._run.restarts
 
     def push(self, field: Floats, time: Floats | None = None) -> FilteredReadings:
-        """Add (N, 3) readings with their (N,) times, and return finished ones; centred windows delay readings."""
+        """Add (N, 3) readings with their (N,) times, and return the readings that are now filtered completely."""
         through = FilteredReadings.nothing()
         pauses = [] if time is None else self._clock.pauses(time)
         for number, (begin, end) in enumerate(pairwise([0, *pauses, len(field)])):
@@ -272,7 +274,7 @@ class SmoothingStream:
         return through
 
     def finish(self) -> FilteredReadings:
-        """Return the readings that waited for following ones, and reset the filter."""
+        """Return the readings whose centred windows were not yet complete, and reset the filter."""
         return self._run.finish()
 
 
@@ -284,7 +286,7 @@ class _Clock:
         self._steps, self._seconds = 0, 0.0
 
     def pauses(self, time: Floats) -> list[int]:
-        """Rows before which there is a pause or a step back."""
+        """Rows before which there is a pause, or the clock steps back."""
         rows = []
         for row, now in enumerate(time.tolist()):
             step = now - self._last
@@ -301,7 +303,7 @@ class _Clock:
 
 
 class _Window:
-    """A moving window over readings, narrower at both ends; a centred one stays symmetric there."""
+    """A moving window over readings, which is narrower at both ends of a recording; a centred one stays symmetric."""
 
     def __init__(self, by: Filter, *, centred: bool) -> None:
         self.restarts = 0
@@ -319,7 +321,7 @@ class _Window:
         return rest
 
     def _filter_until(self, end: int) -> FilteredReadings:
-        """Filtered readings up to a row; readings that no further window needs are dropped from memory."""
+        """Filtered readings up to a row; readings that no later window contains are removed from memory."""
         rows = np.arange(self._done, max(end, self._done))
         back = np.minimum(rows, self._reach)
         if self._centred:
@@ -377,7 +379,10 @@ class _Kalman:
         return FilteredReadings.nothing()
 
     def _next(self, reading: _Vector) -> tuple[_Vector, bool]:
-        """Predict, test the innovation, and accept or reject it; return the state, and whether it was accepted."""
+        """Filter one reading: predict, and accept or reject it by its innovation.
+
+        Returns the state, and whether the reading was accepted.
+        """
         if self._state is None:
             return self._at(reading), True
         self._variance += self._step_variance
@@ -396,7 +401,7 @@ class _Kalman:
         return self._state, True
 
     def _reacquire(self) -> _Vector:
-        """Restart at the last readings; if these differ, the scale is widened to accept their differences."""
+        """Restart at the last rejected readings; if these differ, widen the scale to accept their differences."""
         self.restarts += 1
         steps = [_square(tuple(b - a for a, b in zip(*pair, strict=True))) / 2.0 for pair in pairwise(self._beyond)]
         self._scale.widen(sum(steps) / len(steps))
@@ -409,7 +414,7 @@ class _Kalman:
 
 
 class _Scale:
-    """Scale of the noise, from |innovation|² over its variance in units of the noise."""
+    """Estimator of the noise from the squares of innovations, each divided by its variance for a noise of 1."""
 
     def __init__(self) -> None:
         self._first: list[float] = []
@@ -417,7 +422,7 @@ class _Scale:
         self._count = 0
 
     def is_beyond(self, square: float) -> bool:
-        """Whether the probability of a square as large is below 0.01 %; False while the noise is unknown."""
+        """Whether a square as large has a probability below 0.01 %; False while the noise is not yet known."""
         return self._count > 0 and square > MAX_CHI2 * self._square > 0.0
 
     def add(self, square: float) -> None:
@@ -431,7 +436,7 @@ class _Scale:
             self._count, self._square = INITIAL_INNOVATIONS, sorted(self._first)[INITIAL_INNOVATIONS // 2] / MEDIAN_CHI2
 
     def widen(self, square: float) -> None:
-        """Widen the scale so that a square as large as this is accepted."""
+        """Increase the scale so that it accepts a square as large as `square`."""
         self._square = max(self._square, square / 3.0)
 
 

@@ -1,7 +1,7 @@
-"""Rests of a vehicle on one heading in a stream of headings, and the compass error over half a turn.
+"""Rests of a vehicle on one heading, found in a stream of headings, and the compass error over half a turn.
 
-A swing is recorded by holding the vehicle on one heading after another. The stretches between turns are found here,
-each with its mean heading.
+A compass swing is recorded by holding the vehicle on one heading after another. The stretches between turns are found
+here, each with its mean heading.
 
 >>> rng = np.random.default_rng(1)
 >>> turn = np.linspace(0.0, 180.0, 300)
@@ -34,11 +34,11 @@ if TYPE_CHECKING:
 MAX_DEVIATION_DEG: Final = 3.0
 """Largest angle between the mean of one part of a rest and the mean of the whole rest."""
 MIN_REST_READINGS: Final = 50
-"""Length of the shortest rest, in readings."""
+"""Smallest count of readings of a rest."""
 MOMENTS_PER_REST: Final = 8
-"""Count of parts of the shortest rest; each is averaged, so that noise is not mistaken for motion."""
+"""Count of parts of the shortest rest; readings of a part are averaged, so that noise is not mistaken for motion."""
 MAX_HALF_TURN_ERROR_DEG: Final = 30.0
-"""Largest difference of a measured turn from 180° for a half turn."""
+"""Largest difference of a measured turn from 180° that counts as half a turn."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,9 +47,9 @@ class Rest:
 
     start: int  # index of the first reading
     stop: int  # index after the last reading
-    heading_deg: float  # mean, in [0, 360)
-    spread_deg: float  # scatter of single readings, 1 σ
-    sigma_deg: float  # 1 σ of the mean, from the means of its eighths: slow noise is included, iron is not
+    heading_deg: float  # mean heading, in [0, 360)
+    spread_deg: float  # scatter of single headings, 1 σ
+    sigma_deg: float  # 1 σ of the mean, from the means of its eighths, which includes slow noise
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready, with the names of the attributes as keys."""
@@ -60,8 +60,8 @@ class Rest:
 class HalfTurn:
     """Two rests that are half a turn apart.
 
-    For a deviation δ(ζ) the error over half a turn is δ(ζ) − δ(ζ + 180°) = 2 (B sin ζ + C cos ζ): it shows hard iron,
-    but no error that repeats every half turn.
+    For a deviation δ(ζ) the error over half a turn is δ(ζ) − δ(ζ + 180°) = 2 (B sin ζ + C cos ζ). It shows hard iron,
+    but no error that is the same after half a turn, such as that of soft iron.
     """
 
     first: Rest
@@ -70,7 +70,7 @@ class HalfTurn:
     sigma_deg: float  # 1 σ of `error_deg` from the noise of the readings
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
+        """Values for JSON, by name."""
         return {
             "first_deg": self.first.heading_deg,  # heading before the turn
             "second_deg": self.second.heading_deg,  # heading after the turn
@@ -82,8 +82,8 @@ class HalfTurn:
 def rests(heading_deg: ArrayLike, *, least_readings: int = MIN_REST_READINGS) -> tuple[Rest, ...]:
     """Find rests of at least `least_readings` in (N,) headings in the order of time, NaN if missing.
 
-    Neighbouring rests on the same heading, with a bump between them, count as one. The first and the last moment (an
-    eighth of the shortest rest) of each are left out, as the turns end and begin in them.
+    Consecutive rests on the same heading, interrupted by a disturbance, count as one. The first and the last eighth of
+    the shortest rest are left out of each rest, because turns end and begin in them.
 
     Raises `ArrayError` for anything but a list of numbers.
     """
@@ -105,7 +105,9 @@ def rests(heading_deg: ArrayLike, *, least_readings: int = MIN_REST_READINGS) ->
 
 
 def half_turns(rests: Sequence[Rest], known_deg: Sequence[float] = ()) -> tuple[HalfTurn, ...]:
-    """Pair each rest with the next one about half a turn away, by (N,) known headings if given.
+    """Pair each rest with the next one that is about half a turn away.
+
+    The change of heading is compared with 180°, or with the difference of `known_deg`, (N,) true headings.
 
     >>> north, south = Rest(0, 100, 1.0, 0.5, 0.1), Rest(200, 300, 178.0, 0.5, 0.1)
     >>> [round(half.error_deg, 9) for half in half_turns([north, south])]
@@ -125,7 +127,7 @@ def half_turns(rests: Sequence[Rest], known_deg: Sequence[float] = ()) -> tuple[
 
 
 def hard_iron(halves: Sequence[HalfTurn]) -> tuple[float, float] | None:
-    """B and C of the deviation in degrees, by least squares from half turns; None if all are along one line.
+    """Coefficients B and C of the deviation in degrees, by least squares from half turns; None if all are parallel.
 
     >>> north_south = HalfTurn(Rest(0, 9, 0.0, 0.5, 0.1), Rest(9, 18, 184.0, 0.5, 0.1), 4.0, 0.1)
     >>> east_west = HalfTurn(Rest(20, 29, 90.0, 0.5, 0.1), Rest(30, 39, 272.0, 0.5, 0.1), 2.0, 0.1)
@@ -142,7 +144,7 @@ def hard_iron(halves: Sequence[HalfTurn]) -> tuple[float, float] | None:
 
 
 def _steady_runs(mean: Floats) -> list[tuple[int, int]]:
-    """Stretches of moments, as first and last + 1, that stay near their own mean for long enough."""
+    """Stretches of moments that stay near their own mean for long enough: first index, and index after the last."""
     runs, start, total = [], 0, 0.0 + 0.0j
     for place, moment in enumerate(mean.tolist()):
         belongs = start < place and abs(_angle(moment, total)) <= MAX_DEVIATION_DEG  # false for NaN

@@ -1,6 +1,6 @@
 """Error of the vertical that an accelerometer shows at rest, from the covariance of its calibration.
 
-With (1 + Γ)(f/g − β) along the true vertical u, errors δβ and δΓ change the corrected vertical by
+With (1 + Γ)(f/g − β) along the true vertical u, errors δβ and δΓ of the calibration change the corrected vertical by
 
     δu = (1 − u uᵀ) (δΓ w − (1 + Γ) δβ),    w = (1 + Γ)⁻¹ u
 
@@ -28,9 +28,9 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 ATTITUDES: Final = 200
-"""Count of directions of gravity, evenly over the sphere."""
+"""Count of attitudes, with directions of gravity spread evenly over the sphere."""
 DRAWS: Final = 4000
-"""Count of random errors for the bound, which is accurate to 1 %."""
+"""Count of random errors from which the bound is computed, for an accuracy of 1 %."""
 PROBABILITY: Final = 0.95
 
 
@@ -40,7 +40,7 @@ def tilt_error(errors: Floats, covariance: Floats) -> TiltError:
     Parameters
     ----------
     errors : (9,) float
-        β in parts of gravity, and the upper triangle of Γ, as in `flinders.likelihood.dip.AccelerometerPrior`.
+        β relative to gravity, and the upper triangle of Γ, as in `flinders.likelihood.dip.AccelerometerPrior`.
     covariance : (9, 9) float
         Covariance of `errors`.
     """
@@ -53,7 +53,10 @@ def tilt_error(errors: Floats, covariance: Floats) -> TiltError:
 
 
 def tilt_gradients(errors: Floats, attitudes: Floats) -> Floats:
-    """(N, 2, 9) rad: derivatives of two components across the vertical by the errors, in (N, 3) `attitudes`."""
+    """(N, 2, 9) derivatives of the tilt in rad, two components across the vertical, by the nine errors.
+
+    `attitudes` are (N, 3) directions of the vertical.
+    """
     whole = np.eye(3) + symmetric_matrix(errors[3:])
     aside = np.swapaxes(perpendicular_vectors(attitudes), 1, 2)
     felt = np.linalg.solve(whole, attitudes.T).T

@@ -1,4 +1,4 @@
-"""Observation terms of the likelihood: each gives residuals and their Jacobian as normal equations.
+"""Observation terms of the likelihood; each term gives residuals and their Jacobian as normal equations.
 
 A calibration is the most probable set of parameters
 

@@ -7,20 +7,23 @@ With the attitude C_k of the body, from its axes to north, east and down, and on
 so the full matrix is determined, including its rotation. m is estimated with the other parameters; if the inclination
 of the site is known, m has that inclination.
 
-A logged attitude has errors. A small rotation error e gives the field Cᵀm = q − e × q. With q = Cᵀm in the model
-x = b + S Rᵀ q + n the residual of a reading would be n + S Rᵀ (e × q): larger across the field than along it, and
-correlated with the Jacobian, which contains the same e. Least squares would then shrink S by the ratio of the variances
-of e and q (errors in variables). Half a degree of noise changes the shape of a tilted vehicle by more than its claimed
-uncertainty. Therefore q_k is a free parameter of each reading, or of each window of a gyro, and both sensors measure
-it: residuals are x − b − S Rᵀ q over the noise of readings, and m − C q over the noise of attitudes. Both noises are
-estimated from the residuals: residuals along the field contain the noise of readings only, those across it both. The
-Jacobian is evaluated at the q that both measurements determine; there it is independent of the residuals to first
-order, which makes the estimate consistent. The second order adds nothing: the mean of C q − m is along m, where neither
-q nor m can move.
+A logged attitude has errors. A small rotation error e gives the field Cᵀm = q − e × q. If the model x = b + S Rᵀ q + n
+used q = Cᵀm, the residual of a reading would be n + S Rᵀ (e × q): larger across the field than along it, and correlated
+with the Jacobian, which contains the same e. Least squares would then shrink S by the ratio of the variances of e and q
+(errors in variables). Half a degree of noise changes the shape of a tilted vehicle by more than its claimed
+uncertainty.
+
+Therefore q_k is a free parameter of each reading, or of each window of a gyro, which both sensors measure. Residuals
+are x − b − S Rᵀ q over the noise of readings, and m − C q over the noise of attitudes. Both noises are estimated from
+the residuals: those along the field contain the noise of readings alone, those across the field contain both. The
+Jacobian is evaluated at the q that both measurements determine. There it is independent of the residuals to first
+order, so that the estimate is consistent. There is no bias of second order, because the mean of C q − m is along m,
+where neither q nor m can move.
 
 When to use it: if the attitude is independent of this compass, such as from an inertial navigator with two antennas, a
-camera or a turntable. The yaw of an autopilot follows its own compass; the fit then repeats the old calibration, which
-its residuals do not show. For an attitude without a valid yaw use only the vertical, see `flinders.likelihood.dip`.
+camera or a turntable. The yaw of an autopilot follows its own compass: the fit would then repeat the old calibration,
+and the residuals would not show that. For an attitude without an independent yaw use only the vertical, see
+`flinders.likelihood.dip`.
 
 Source: M. Kok, T. B. Schön, IEEE Sensors J. 16 (2016): y = D R m + o + noise; W. A. Fuller, *Measurement Error
 Models* (1987) §3.2, for errors in both sides of a non-linear relation.
@@ -50,7 +53,8 @@ if TYPE_CHECKING:
 ATTITUDE_HUBER: Final = 3.0
 """Residual of an attitude, in standard deviations about an axis, from which its weight is reduced.
 
-One in a hundred normal residuals of two components is larger."""
+Of normal residuals with two components, one in a hundred is larger.
+"""
 
 
 def body_to_world(attitude: Floats) -> Floats:
@@ -67,7 +71,7 @@ def fill_attitude(
     of_gyro: slice,
     moved: Floats | None,
 ) -> None:
-    """Write the Jacobian of C q − m.
+    """Write the Jacobian of the residuals C q − m of attitudes.
 
     Parameters
     ----------

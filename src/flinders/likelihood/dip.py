@@ -18,8 +18,8 @@ An accelerometer also measures motion. The weight of a vertical decreases with t
 where s is three times the scatter of |f|, at least a hundredth of g. Large residuals reduce the weight further (Huber).
 
 When to use it: if the body is tilted during the recording and mostly not accelerated. The term determines the rotation
-between magnetometer and accelerometer, except about an axis that stays vertical. A rotation about one body axis only
-does not determine the offset along that axis.
+between magnetometer and accelerometer, except about an axis that stays vertical. If the body turns about only one of
+its axes, the offset along that axis is not determined.
 
 Source: M. Kok, T. B. Schön, IEEE Sensors J. 16 (2016), for the inclination as a parameter; the plain form is
 Σ (aᵀRm − |a||m| sin I)².
@@ -52,7 +52,7 @@ MIN_LENGTH_SCATTER: Final = 0.01
 """Smallest s in the weight of verticals, relative to gravity."""
 
 MIN_REST_LENGTH: Final = 0.2
-"""Smallest length of an accelerometer's reading at rest, relative to gravity; only a solver step can violate it."""
+"""Smallest length of an accelerometer's reading at rest, relative to gravity; it limits steps of the solver."""
 
 GRAVITY: Final = 9.80665
 """Standard gravity in m/s², the unit of an accelerometer's bias."""
@@ -97,17 +97,18 @@ def accelerometer_verticals(acceleration: Floats) -> tuple[Floats, Floats]:
 class AccelerometerPrior:
     """Prior of an accelerometer's errors."""
 
-    # (9,): bias β relative to gravity, and the upper triangle of Γ in the order of
-    # `flinders.geometry.ellipsoid.symmetric_matrix`: at rest (1 + Γ)(gβ − f) points down and has the length g
+    # (9,): mean of the bias β relative to gravity, and of the upper triangle of Γ in the order of
+    # `flinders.geometry.ellipsoid.symmetric_matrix`. At rest (1 + Γ)(gβ − f) points down and has the length g.
     mean: Floats
     precision: Floats  # (9, 9): inverse covariance
     scale: float = 1.0  # length of gravity in the recorded unit, for Γ = 0
 
     @classmethod
     def of(cls, *, bias: float = ACCELERATION_SIGMA, gain: float = GAIN_SIGMA) -> Self:
-        """Prior about zero, by 1 σ of the bias in m/s² and of gains and misalignment angles in rad.
+        """Prior with mean zero: 1 σ of the bias in m/s², and 1 σ of gains and of misalignment angles in rad.
 
-        Gravity is the median of |f|, which contains the bias: all gains have a common error of that size.
+        Gravity is estimated by the median of |f|, which contains the bias. All gains therefore have a common error of
+        the size of the bias.
 
         >>> (1.0 / np.sqrt(np.diag(AccelerometerPrior.of(bias=0.0).precision))).round(6)[[0, 3, 6]]
         array([1.e-06, 2.e-02, 1.e-02])
@@ -126,17 +127,17 @@ class AccelerometerPrior:
 def correct_verticals(down: Floats, errors: Floats) -> tuple[Floats, Floats]:
     """Correct verticals for the errors of an accelerometer.
 
-    At rest w = (1 + Γ)(ρd + β) with ρ = |f|/g points down, and ρ is such that w has unit length. The result is w/ρ,
-    which has nearly unit length, and the noise of d regardless of the errors.
+    At rest w = (1 + Γ)(ρd + β) points down, with ρ = |f|/g such that w has unit length. The result is w/ρ, which has
+    nearly unit length. Its noise is that of d, regardless of the errors.
 
-    `down`: (..., 3) unit vectors d; `errors`: (9,) β and Γ, as in `AccelerometerPrior`.
+    `down` are (..., 3) unit vectors d; `errors` are (9,) β and Γ, as in `AccelerometerPrior`.
 
     Returns
     -------
     vertical : (..., 3) float
-        w/ρ.
+        Corrected verticals w/ρ.
     rest : (...,) float
-        ρ.
+        ρ, the length of the reading at rest relative to gravity.
 
     >>> reading = np.array([0.0, 0.6, 0.8]) - np.array([0.0, 0.0, 0.03])            # of an accelerometer with a bias
     >>> bias = np.array([0.0, 0.0, 0.03, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
@@ -154,7 +155,10 @@ def correct_verticals(down: Floats, errors: Floats) -> tuple[Floats, Floats]:
 
 
 def error_derivatives(rows: Floats, down: Floats, errors: Floats) -> Floats:
-    """(..., 9) derivative of rᵀv by the errors, for (..., 3) rows r and the verticals v of `correct_verticals`."""
+    """(..., 9) derivative of rᵀv by the errors of the accelerometer, with v the result of `correct_verticals`.
+
+    `rows` are (..., 3) vectors r; `down` and `errors` are those of `correct_verticals`.
+    """
     vertical, rest = correct_verticals(down, errors)
     whole = np.eye(3) + symmetric_matrix(errors[3:])
     lengthened = np.einsum("...i,...i->...", vertical, transform_vectors(whole, down))
@@ -177,7 +181,7 @@ def symmetric_derivatives(rows: Floats, vectors: Floats) -> Floats:
 
 
 def attitude_verticals(attitude: Floats) -> tuple[Floats, Floats]:
-    """Verticals in body axes from (N, 4) logged attitudes, independent of yaw, with their weights 0 or 1.
+    """(N, 3) verticals in body axes from (N, 4) logged attitudes, and their (N,) weights 0 or 1; yaw has no effect.
 
     >>> from flinders.geometry.quaternions import from_angles
     >>> down, _ = attitude_verticals(from_angles([[0.0, 0.0, 0.5], [0.0, 0.0, 2.5]]))       # level, on two headings
@@ -192,7 +196,7 @@ def attitude_verticals(attitude: Floats) -> tuple[Floats, Floats]:
 
 
 def heights(down: Floats, q: Floats) -> Floats:
-    """(W, n) products vᵀq of verticals v and the field's direction q at each reading, both (W, n, 3)."""
+    """(W, n) sines of the field's angle to the horizon: vᵀq with (W, n, 3) verticals v and field directions q."""
     height: Floats = np.einsum("wni,wni->wn", down, q)
     return height
 
@@ -214,10 +218,10 @@ def fill_dip(
     of_gyro: slice,
     moved: Floats | None,
 ) -> None:
-    """Write the Jacobian of vᵀq − |v| sin I.
+    """Write the Jacobian of the residuals vᵀq − |v| sin I of verticals.
 
-    The part of an accelerometer's errors is evaluated at the vertical with a residual of zero. Otherwise it would
-    contain the noise of the residual, and the estimated gains would follow that noise.
+    The derivatives by an accelerometer's errors are evaluated at the vertical for which the residual is zero. Otherwise
+    they would contain the noise of the residual, and the estimated gains would follow that noise.
 
     Parameters
     ----------
@@ -260,4 +264,4 @@ TERM: Final = Term(
     (Block("accelerometer", 9), Block("sine", 1)),
 )
 TILT: Final = Term("tilt", "logged tilt", "the logged attitude without its yaw, as `dip`", ("attitude",))
-"""The same term with the vertical of a logged attitude, which has no errors of an accelerometer."""
+"""Term of the dip with the vertical of a logged attitude, to which errors of an accelerometer do not apply."""

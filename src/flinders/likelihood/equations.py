@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 MIN_NOISE: Final = 1e-6
 """Smallest standard deviation of readings, relative to the field; no sensor has a lower noise."""
 MIN_EIGENVALUE_RATIO: Final = 1e-15
-"""Smallest eigenvalue of a scaled matrix, relative to the largest, that is not rounding."""
+"""Smallest eigenvalue of a scaled matrix, relative to the largest eigenvalue, that is not a rounding error."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,7 +32,7 @@ class NormalEquations:
 
     @classmethod
     def empty(cls) -> Self:
-        """Equations of no residuals: the identity of ``+``."""
+        """Equations without residuals, the zero of addition."""
         return cls(np.zeros((9, 9)), np.zeros(9), 0.0, 0)
 
     def __add__(self, other: NormalEquations) -> Self:
@@ -41,13 +41,13 @@ class NormalEquations:
         )
 
     def place_block(self, columns: slice, size: int) -> Self:
-        """The same equations as the block `columns` of `size` parameters."""
+        """Equations of `size` parameters in which these equations are those of the parameters `columns`."""
         matrix, gradient = np.zeros((size, size)), np.zeros(size)
         matrix[columns, columns], gradient[columns] = self.matrix, self.gradient
         return type(self)(matrix, gradient, self.cost, self.count)
 
     def step(self) -> Floats:
-        """(9,) change of θ that solves the equations; the smallest one if they are singular."""
+        """(9,) change of θ that solves the equations; the shortest solution if they are singular."""
         scale = self._scale
         try:
             solution = np.linalg.solve(self.matrix / np.outer(scale, scale), self.gradient / scale)
@@ -67,7 +67,7 @@ class NormalEquations:
 
     @property
     def _scale(self) -> Floats:
-        """(9,) root of the diagonal: scale in which the diagonal of the matrix is 1."""
+        """(9,) root of the diagonal of the matrix, by which it is scaled to diagonal 1."""
         diagonal = np.diag(self.matrix)
         scale: Floats = np.sqrt(
             np.maximum(diagonal, max(MIN_EIGENVALUE_RATIO * float(diagonal.max()), np.finfo(float).tiny))

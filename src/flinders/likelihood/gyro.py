@@ -5,16 +5,16 @@ free for each window; ΔR_k is the rotation of the body since then, by the gyro,
 
     ΔR_k(d) = Π_{j<k} exp([(1 + Γ)(ω_j − d)]× Δt_j)
 
-The rate is integrated instead of differentiating the field. So each reading occurs once, with its own white noise, and
-the equation is linear in it. The bias d is estimated: with J_k = −ΔR_kᵀ Σ_{j<k} ΔR_{j+1} Δt_j a change δ of the bias
-turns q_k by q_k × J_k δ. The symmetric Γ has the scale errors of the gyro's axes, a few hundredths if uncalibrated, and
-their non-orthogonality. If an accelerometer or an attitude defines the body axes, a small rotation ψ of the gyro is
-estimated as well: 1 + Γ + [ψ]×. A scale error of one hundredth gives an error of ten degrees if the body turns by 15
-rad in a window, much more than the gyro's noise. A magnetometer with a delay δt reads q_k + δt ω_k × q_k.
+The rate is integrated, the field is not differentiated. So each reading occurs once, with its own white noise, and the
+equation is linear in the reading. The bias d is estimated: with J_k = −ΔR_kᵀ Σ_{j<k} ΔR_{j+1} Δt_j a change δ of the
+bias turns q_k by q_k × J_k δ. The symmetric Γ has the scale errors of the gyro's axes, a few hundredths if
+uncalibrated, and their non-orthogonality. If an accelerometer or an attitude defines the body axes, a small rotation ψ
+of the gyro is estimated as well: 1 + Γ + [ψ]×. A scale error of one hundredth gives an error of ten degrees if the body
+turns by 15 rad in a window, much more than the gyro's noise. A magnetometer with a delay δt reads q_k + δt ω_k × q_k.
 
 When to use it: if the body turns about two axes or more, even by a few degrees, in a constant field. Hard and soft iron
-then follow from much less turning than with the length of the field alone. A rotation about one axis does not determine
-the offset along that axis.
+then follow from much less turning than with the length of the field alone. If the body turns about only one axis, the
+offset along that axis is not determined.
 
 Source: pre-integration as in T. Lupton, S. Sukkarieh, IEEE Trans. Robotics 28 (2012) 61–76, and C. Forster et
 al., IEEE Trans. Robotics 33 (2017) 1–21; the field's equation ṁ = −ω × m as in G. Troni, L. L. Whitcomb, ICRA
@@ -47,10 +47,10 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 WINDOW_S: Final = 5.0
-"""Length of a window in s: long enough for a slow turn, and short enough to limit the effect of the gyro's noise."""
+"""Length of a window in s: long enough for a slow turn, short enough to limit the integrated noise of the gyro."""
 
 MIN_WINDOW_READINGS: Final = 4
-"""Smallest number of readings in a window; fewer have no more information than single readings."""
+"""Smallest number of readings in a window; fewer readings have no more information than single ones."""
 
 MAX_GAP_INTERVALS: Final = 3.0
 """Smallest gap, in median intervals of the readings, at which a window ends, as the motion in it is not known."""
@@ -68,25 +68,25 @@ DELAY_SIGMA_S: Final = 0.05
 """Prior standard deviation of a magnetometer's delay in s."""
 
 MAX_FIRST_ORDER_RAD: Final = 2e-3
-"""Largest rotation in rad by a change of the gyro's parameters that is applied to first order, without integration."""
+"""Largest rotation in rad, by a change of the gyro's parameters, that is computed without integrating again."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WindowRotation:
     """Rotation of a body within W windows of n readings, by its gyro."""
 
-    rotations: Floats  # (W, n, 3, 3): ΔR: from body axes at each reading to those at the first one of the window
+    rotations: Floats  # (W, n, 3, 3): ΔR, from body axes at each reading to those at the first reading of the window
     by_bias: Floats  # (W, n, 3, 3), s: J: a change δ of the bias multiplies ΔR_k by exp([J_k δ]×) on the right
-    by_scale: Floats  # (W, n, 3, 9): the same for changes of Γ and ψ
-    rate: Floats  # (W, n, 3), rad/s: as recorded
-    interval: Floats  # (W, n), s: from each reading to the next
-    bias: Floats  # (3,), rad/s: bias in `rotations`
-    scale: Floats  # (9,): Γ and ψ in `rotations`
+    by_scale: Floats  # (W, n, 3, 9): matrices as `by_bias` for changes of Γ and ψ
+    rate: Floats  # (W, n, 3), rad/s: recorded rates
+    interval: Floats  # (W, n), s: time from each reading to the next
+    bias: Floats  # (3,), rad/s: bias with which `rotations` were computed
+    scale: Floats  # (9,): Γ and ψ with which `rotations` were computed
 
     def with_gyro(self, bias: Floats, scale: Floats) -> WindowRotation:
         """The rotation for other parameters of the gyro: to first order for small changes, else integrated again.
 
-        `bias`: (3,) in rad/s; `scale`: (6,) Γ, or (9,) Γ and ψ.
+        `bias` is (3,) in rad/s; `scale` is (6,) Γ, or (9,) Γ and ψ.
         """
         scale = _scale_and_turn(scale)
         if np.array_equal(bias, self.bias) and np.array_equal(scale, self.scale):
@@ -98,7 +98,7 @@ class WindowRotation:
         return replace(self, rotations=product(self.rotations, rotations(change)), bias=bias, scale=scale)
 
     def chunk(self, rows: slice) -> Self:
-        """The rotation in some of the windows."""
+        """The rotation in the windows that `rows` selects."""
         return replace(
             self, rotations=self.rotations[rows], by_bias=self.by_bias[rows], by_scale=self.by_scale[rows],
             rate=self.rate[rows], interval=self.interval[rows],
@@ -106,16 +106,16 @@ class WindowRotation:
 
 
 def integrate_rates(rate: Floats, interval: Floats, bias: Floats, scale: Floats | None = None) -> WindowRotation:
-    """Integrate rates over windows.
+    """Integrate angular rates over windows to rotations.
 
     Parameters
     ----------
     rate : (W, n, 3) float, rad/s
-        Assumed constant from each reading to the next.
+        Rates, assumed constant from each reading to the next.
     interval : (W, n) float, s
-        From each reading to the next; the last one of a window is not used.
+        Time from each reading to the next; the last interval of a window is not used.
     bias : (3,) float, rad/s
-        Subtracted from the rate.
+        Bias, which is subtracted from the rate.
     scale : (6,) or (9,) float, optional
         Γ, or Γ and ψ; by default zero.
     """
@@ -151,7 +151,7 @@ def _scale_and_turn(scale: Floats) -> Floats:
 
 
 def _scale_derivatives(along: Floats, turned: Floats) -> Floats:
-    """(W, n, 3, 9) derivative of ΔR_k by Γ and ψ; `turned`: (W, n, 3) rad from each reading to the next."""
+    """(W, n, 3, 9) derivative of ΔR_k by Γ and ψ; `turned` is the (W, n, 3) rotation in rad to the next reading."""
     moved = np.moveaxis(np.zeros((3, 9, *turned.shape[:2])), (0, 1), (2, 3))
     for i, j, column in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         moved[..., j, 6 + column], moved[..., i, 6 + column] = turned[..., i], -turned[..., j]
@@ -164,7 +164,7 @@ def _scale_derivatives(along: Floats, turned: Floats) -> Floats:
 
 
 def bridge_gaps(time: Floats | None, rate: Floats | None) -> tuple[Floats | None, int]:
-    """(N, 3) rates with gaps of at most `MAX_BRIDGED_READINGS` readings interpolated, and the number of those readings.
+    """Fill gaps of at most `MAX_BRIDGED_READINGS` readings in (N, 3) rates; returns them and the number of filled ones.
 
     Longer gaps stay NaN and end a window. Without times the rates are returned unchanged.
 
@@ -191,16 +191,16 @@ def bridge_gaps(time: Floats | None, rate: Floats | None) -> tuple[Floats | None
 
 
 def window_rows(time: Floats, rate: Floats, *, window_s: float = WINDOW_S) -> NDArray[np.intp]:
-    """(W, n) indices of the readings in each window; each stretch without a gap is divided into whole windows.
+    """Divide each stretch of readings without a gap into windows: (W, n) indices of the readings of each window.
 
     Parameters
     ----------
     time : (N,) float, s
         Times of the readings.
     rate : (N, 3) float, rad/s
-        NaN if not known, which ends a stretch.
+        Rates; a stretch ends at NaN.
     window_s : float
-        Approximate length of a window in s; a shorter recording is one window.
+        Approximate length of a window in s; a recording that is shorter than this is one window.
 
     >>> time = np.concatenate([np.arange(0.0, 1.0, 0.1), np.arange(2.0, 2.5, 0.1)])
     >>> window_rows(time, np.zeros((15, 3)), window_s=0.5)
@@ -228,7 +228,7 @@ def gyro_columns(columns: Mapping[str, slice]) -> slice:
 
 
 def direction_derivatives(turned: WindowRotation, q: Floats, turning: Floats, columns: Mapping[str, slice]) -> Floats:
-    """Derivative of the field's direction at each reading by bias, scales and delay of the gyro.
+    """Derivative of the field's direction at each reading by the gyro's bias, scales and delay.
 
     Parameters
     ----------

@@ -1,17 +1,18 @@
-"""Bias by the noise of a gyro, which occurs both in the residuals of a window and in their Jacobian.
+"""Bias of a fit from the noise of a gyro, which is both in the residuals of a window and in their Jacobian.
 
-The gyro's noise φ_j turns all readings after step j of a window. The error of the field's direction ΔR_kᵀv is then
+The gyro's noise φ_j turns all readings after step j of a window. The error of the field's direction ΔR_kᵀv is then a
+random walk w_k of variance s per step, with E the expectation:
 
     T_k w_k,    T_k = ΔR_kᵀ [v]×,    w_k = Σ_{j≤k} φ_j,    E w_k w_lᵀ = s min(k, l) 1
 
-a random walk. It adds P_k w_k to the residuals, with P the pushes, and also changes the Jacobian, which is evaluated at
-the same direction. The mean of their product is not zero: errors in variables, which shrink the shape like noisy
-attitudes, see `flinders.likelihood.attitude`. For the motions of MAGYC with a tilt of 5° this is half a standard
-deviation.
+The walk adds P_k w_k to the residuals, with P their derivative by a rotation. It also changes the Jacobian, which is
+evaluated at the same direction. The mean of the product of both is not zero (errors in variables), and shrinks the
+shape as noisy attitudes do, see `flinders.likelihood.attitude`. For the motions of MAGYC with a tilt of 5° this bias is
+half a standard deviation.
 
-The window's own direction is fitted to the walk, by h = −Π Σ U_lᵀP_l w_l with U its Jacobian and Π = (Σ UᵀU)⁻¹. The
-remaining residuals are r_k = −P_k w_k − U_k h. With C_j = Σ_{l≥j} U_lᵀP_l, H_k = Π Σ_l min(k, l) U_lᵀP_l and
-Θ = Σ Π U_kᵀP_k H_kᵀ, for s = 1,
+The fitted direction of the window follows the walk by h = −Π Σ U_lᵀP_l w_l, with the Jacobian U of this direction and
+Π = (Σ UᵀU)⁻¹. The remaining residuals are r_k = −P_k w_k − U_k h. With C_j = Σ_{l≥j} U_lᵀP_l,
+H_k = Π Σ_l min(k, l) U_lᵀP_l and Θ = Σ Π U_kᵀP_k H_kᵀ, for s = 1,
 
     E w_k r_kᵀ = H_kᵀU_kᵀ − k P_kᵀ,    E h r_kᵀ = H_k P_kᵀ − Θ U_kᵀ,    E h w_kᵀ = −H_k,    E h hᵀ = Θ
 
@@ -19,16 +20,16 @@ from which all means of second order follow. The mean gradient is
 
     Σ E (∂J/∂q (T_k w_k + t h))ᵀ r_k  +  Σ Jᵀ E r₂
 
-with t across the direction. All columns of J except those of an accelerometer's errors are linear in the direction q,
-so ∂J/∂q is computed as a difference of two Jacobians. r₂ follows from the mean of the direction,
-−(k + tr Θ/2) v + Σᵢ Hᵢ × tᵢ, minus the part that h absorbs, and from E δUᵀ r. The parameters of the gyro itself, whose
-total rotation is B_k = Σ_{j≤k} b_j, have the noise in each b_j, too: the error of B_k is
-Σ_{j≤k} (D_j φ_j + w_j × b_j) + B_k × w_k with D_j the derivative of b_j by the rate.
+with t the tangents at the direction, and r₂ the residuals of second order. All columns of J except those of an
+accelerometer's errors are linear in the direction q, so ∂J/∂q is computed as a difference of two Jacobians. r₂ follows
+from the mean of the direction, −(k + tr Θ/2) v + Σᵢ Hᵢ × tᵢ, minus the part that h absorbs, and from E δUᵀ r. The
+columns of the gyro's own parameters contain the noise, too: the rotation by a parameter is B_k = Σ_{j≤k} b_j, and its
+error is Σ_{j≤k} (D_j φ_j + w_j × b_j) + B_k × w_k with D_j the derivative of b_j by the rate.
 
-When to use it: to subtract the mean gradient, with the variance s estimated from the residuals of the windows.
+When to use it: to correct the bias of a fit with a gyro, with the variance s estimated from the residuals.
 
-Source: our own, to second order in φ as `flinders.likelihood.magnitude` is in the noise of readings; compared with
-draws of the noise in ``tests/likelihood/test_walked.py``.
+Source: derived here, to second order in φ, as `flinders.likelihood.magnitude` in the noise of readings;
+``tests/likelihood/test_walked.py`` compares it with simulated noise.
 
 >>> from dataclasses import replace
 >>> from flinders.likelihood import gyro
@@ -74,20 +75,23 @@ DIFFERENCE_STEP_RAD: Final = 1e-4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WalkStatistics:
-    """Second-order statistics of windows for a walk of 1 rad² per reading."""
+    """Second-order statistics of W windows of n readings, for a walk of 1 rad² per reading.
+
+    Letters are those of the head of this module.
+    """
 
     rows: ObservationRows  # residuals and Jacobians of the windows
-    own: Floats  # (W, n, k, 2): U: Jacobian of the window's direction
-    pushes: Floats  # (W, n, k, 3): P: derivative of the residuals by a rotation
-    inverse: Floats  # (W, 2, 2): Π: covariance of the direction
+    own: Floats  # (W, n, k, 2): U, Jacobian of the residuals by the window's direction
+    pushes: Floats  # (W, n, k, 3): P, derivative of the residuals by a rotation
+    inverse: Floats  # (W, 2, 2): Π, covariance of the direction for white residuals
     products: Floats  # (W, n, 2, 3): UᵀP
-    steps: Floats  # (W, n, 2, 3): C: effect on the direction of a rotation at each step
-    follows: Floats  # (W, n, 2, 3): H: negative covariance of the direction with the walk
-    spread: Floats  # (W, 2, 2): Θ: covariance of the direction by the walk
+    steps: Floats  # (W, n, 2, 3): C, effect of a rotation at each step on the direction
+    follows: Floats  # (W, n, 2, 3): H, negative covariance of the direction with the walk
+    spread: Floats  # (W, 2, 2): Θ, covariance of the direction from the walk
 
     @classmethod
     def of(cls, rows: ObservationRows, pushed: Floats) -> Self:
-        """Compute the statistics from (W, k, n, …) rows and their `rotation_derivatives`."""
+        """Compute the statistics from the (W, k, n, …) rows of the windows and their `rotation_derivatives`."""
         own, pushes = np.swapaxes(rows.own, 1, 2), np.swapaxes(pushed, 1, 2)
         flat = rows.own.reshape(len(rows.own), -1, 2)
         inverse = inverse_matrices(np.swapaxes(flat, 1, 2) @ flat)
@@ -105,19 +109,19 @@ class WalkStatistics:
 
     @property
     def by_walk(self) -> Floats:
-        """(W, n, 3, k) mean E w rᵀ."""
+        """(W, n, 3, k) covariance E w rᵀ of the walk with the residuals."""
         return np.swapaxes(product(self.own, self.follows) - self.age * self.pushes, 2, 3)
 
     @property
     def by_direction(self) -> Floats:
-        """(W, n, 2, k) mean E h rᵀ."""
+        """(W, n, 2, k) covariance E h rᵀ of the fitted direction with the residuals."""
         of_own = np.einsum("wab,wnkb->wnak", self.spread, self.own)
         mean: Floats = product(self.follows, np.swapaxes(self.pushes, 2, 3)) - of_own
         return mean
 
 
 def rotation_derivatives(group: ObservationGroup, at: Parameters, directions: Floats, weights: Weights) -> Floats:
-    """(W, k, n, 3) derivative of each residual by an earlier rotation φ, in the axes of the window's first reading."""
+    """(W, k, n, 3) derivative P of each residual by an earlier rotation φ, in axes of the window's first reading."""
     pushed = np.zeros((3, group.residuals_per_reading, *group.weight.shape)).transpose(2, 1, 3, 0)
     turned = _rotate_back(group, cross_matrices(directions))
     of_field = np.tensordot(at.rotated_shape, np.moveaxis(turned, (2, 3), (0, 1)), 1).transpose(2, 0, 3, 1)
@@ -140,7 +144,7 @@ def mean_gradient(
     layout: ParameterLayout,
     weights: Weights,
 ) -> Floats:
-    """(P,) mean gradient, in standard deviations, by a walk of 1 rad² per reading.
+    """(P,) mean gradient from a walk of 1 rad² per reading, for residuals in standard deviations.
 
     Parameters
     ----------
@@ -173,14 +177,14 @@ def _rotate_back(group: ObservationGroup, matrices: Floats) -> Floats:
 
 
 def _direction_residual_covariance(walk: WalkStatistics, group: ObservationGroup, directions: Floats) -> Floats:
-    """(W, n, 3, k) mean E δq rᵀ, the covariance of the direction at each reading with its residuals."""
+    """(W, n, 3, k) covariance E δq rᵀ of the field's direction at each reading with the residuals of the reading."""
     of_walk = product(_rotate_back(group, cross_matrices(directions)), walk.by_walk)
     mean: Floats = of_walk + product(_rotate_back(group, perpendicular_vectors(directions)), walk.by_direction)
     return mean
 
 
 def _model_gradient(walk: WalkStatistics, directions: Floats) -> Floats:
-    """(P,) Σ Jᵀ E r₂, from the mean of the residuals and the window's direction fitted to it."""
+    """(P,) Σ Jᵀ E r₂: the mean of the residuals, and of the fitted direction of the window, times the Jacobian."""
     tangent, model = perpendicular_vectors(directions), np.swapaxes(walk.rows.model, 1, 2)
     first, second = walk.follows[..., 0, :], walk.follows[..., 1, :]
     middle = np.cross(first, tangent[:, np.newaxis, :, 0]) + np.cross(second, tangent[:, np.newaxis, :, 1])  # Σ Hᵢ × tᵢ
@@ -194,7 +198,7 @@ def _model_gradient(walk: WalkStatistics, directions: Floats) -> Floats:
 
 
 def _own_direction_gradient(walk: WalkStatistics, model: Floats, directions: Floats) -> Floats:
-    """(W, 2) Σ E δUᵀ r, with δU the change of t₁ and t₂: tᵢ × w by the walk, and −hᵢ v by the fitted direction."""
+    """(W, 2) Σ E δUᵀ r, with δU the change of U by that of the tangents tᵢ: tᵢ × w from the walk, and −hᵢ v from h."""
     tangent = perpendicular_vectors(directions)
     axes = np.concatenate([np.swapaxes(tangent, 1, 2), directions[:, np.newaxis]], axis=1)
     first, second, middle = (np.einsum("wj,wnjk->wnk", axes[:, i], walk.by_walk) for i in range(3))
@@ -207,9 +211,10 @@ def _own_direction_gradient(walk: WalkStatistics, model: Floats, directions: Flo
 
 
 def _gyro_gradient(walk: WalkStatistics, group: ObservationGroup, at: Parameters, layout: ParameterLayout) -> Floats:
-    """(P,) mean of Σ (P_k δB_k)ᵀ r_k, with E φ_j r_kᵀ = C_jᵀ Π U_kᵀ − P_kᵀ for steps j up to the reading.
+    """(P,) mean gradient Σ E (P_k δB_k)ᵀ r_k of the gyro's own parameters.
 
-    The mean is linear in D_j and b_j, with the same coefficients for all parameters of the gyro.
+    With E φ_j r_kᵀ = C_jᵀ Π U_kᵀ − P_kᵀ for steps j up to the reading, the mean is linear in D_j and b_j, with the same
+    coefficients for all parameters of the gyro.
     """
     gradient = np.zeros(layout.size)
     if group.turned is None:
@@ -233,7 +238,10 @@ def _gyro_gradient(walk: WalkStatistics, group: ObservationGroup, at: Parameters
 
 
 def _step_coefficients(walk: WalkStatistics) -> tuple[Floats, Floats]:
-    """(W, n, 3, 3) coefficient of D_j and (W, n, 3) coefficient of b_j, summed over all readings from step j on."""
+    """(W, n, 3, 3) coefficient of D_j and (W, n, 3) coefficient of b_j in the mean gradient of the gyro's parameters.
+
+    Both are sums over all readings from step j on.
+    """
     since, stiff = np.swapaxes(walk.steps, 2, 3), product(np.swapaxes(walk.pushes, 2, 3), walk.pushes)
     stiffer = _reverse_cumsum(stiff)
     of_noise = product(since, np.einsum("wab,wnbj->wnaj", walk.inverse, walk.steps)) - stiffer

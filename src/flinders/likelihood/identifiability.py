@@ -1,9 +1,10 @@
-"""Identifiability of the parameters: real information of the readings, and spurious information by noise.
+"""Identifiability of the parameters: true information of the readings, and spurious information from noise.
 
 A direction of parameter space is not observable if a change along it moves no reading off the surface: a shift
-perpendicular to a ring of readings, or a change along the pencil of ellipsoids through two rings. Noise shifts the
-point at which the Jacobian of a reading is evaluated along the surface. The squares of these shifts add N·(σ/R)² to
-JᵀJ, although the true information is zero, and the fit then follows the noise with a small claimed uncertainty.
+perpendicular to a ring of readings, or a change that keeps two rings of readings on the ellipsoid. The Jacobian of a
+reading is evaluated at a point of the surface that noise moves sideways. The squares of these changes add N·(σ/R)² to
+JᵀJ for N readings with noise σ on a radius R, although the true information is zero. The fit then follows the noise
+with a small claimed uncertainty.
 
 This spurious information can be computed: it is σ² times the sum of the squared derivatives of J along the surface. A
 direction is counted as not observable if a large part of its information is spurious.
@@ -35,14 +36,18 @@ if TYPE_CHECKING:
     from flinders.likelihood.equations import NormalEquations
 
 MIN_SOUND_EIGENVALUE: Final = 0.1
-"""Smallest eigenvalue of the scaled normal matrix from which all directions are observable without a check."""
+"""Smallest eigenvalue of the scaled normal matrix from which all directions count as observable without a test."""
 
 MAX_SPURIOUS_SHARE: Final = 1.0 / 3.0
-"""Fraction of spurious information from which a direction is not observable."""
+"""Largest fraction of spurious information in the information on an observable direction."""
 
 
 def spurious_information(directions: Floats, ellipsoid: Ellipsoid, counts: Floats | float = 1.0) -> Floats:
-    """(9, 9) Σ (∂J/∂t)(∂J/∂t)ᵀ over (K, 3) unit directions and their tangents t: noise adds σ² times this to Σ JJᵀ."""
+    """(9, 9) spurious information for a noise of 1: noise σ adds σ² times this matrix to the information Σ JJᵀ.
+
+    It is Σ (∂J/∂t)(∂J/∂t)ᵀ over (K, 3) unit directions and their two tangents t, with the number of readings in each
+    direction in `counts`.
+    """
     pointing = directions.any(axis=1)  # a reading at the centre has no direction
     counts = np.broadcast_to(counts, len(directions))[pointing]
     total: Floats = np.sum(
@@ -52,7 +57,7 @@ def spurious_information(directions: Floats, ellipsoid: Ellipsoid, counts: Float
 
 
 def tangent_derivatives(directions: Floats, ellipsoid: Ellipsoid) -> Iterator[Floats]:
-    """Yield the (K, 9) derivatives ∂J/∂t of the Jacobian at (K, 3) directions, for each of the two tangents t."""
+    """Yield the (K, 9) derivative ∂J/∂t of the Jacobian at (K, 3) directions, for each of the two tangents t."""
     inverse = np.linalg.inv(ellipsoid.shape)
     u = directions.T
     normal = inverse @ u
@@ -68,7 +73,7 @@ def tangent_derivatives(directions: Floats, ellipsoid: Ellipsoid) -> Iterator[Fl
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Support:
-    """Observable and unobservable directions of parameter space; the normal matrix is scaled to diagonal 1."""
+    """Observable and unobservable directions of parameter space: eigenvectors of the scaled normal matrix."""
 
     scale: Floats  # (K,): root of the diagonal of the normal matrix
     values: Floats  # (K,): eigenvalues of the scaled matrix
@@ -77,9 +82,9 @@ class Support:
 
     @classmethod
     def of(cls, matrix: Floats, spurious: Callable[[], Floats]) -> Self:
-        """Analyse a (K, K) normal matrix of residuals in standard deviations.
+        """Find the observable directions by the (K, K) normal matrix of residuals in standard deviations.
 
-        `spurious` returns the (K, K) spurious information; it is not called for a well-conditioned matrix.
+        `spurious` returns the (K, K) spurious information. It is not called for a well-conditioned matrix.
         """
         diagonal = np.diag(matrix)
         nothing = max(MIN_EIGENVALUE_RATIO * float(diagonal.max()), np.finfo(float).tiny)
@@ -111,7 +116,7 @@ class Support:
 
     @property
     def directions(self) -> tuple[Floats, Floats]:
-        """Bases, in parameters, of the observable directions, and of the unobservable ones with unit length."""
+        """Basis of the observable directions, and basis of unit length of the unobservable ones, in parameters."""
         unobserved = self.vectors[:, ~self.is_observable] / self.scale[:, np.newaxis]
         lengths = np.sqrt(np.einsum("ij,ij->j", unobserved, unobserved))
         return self.vectors[:, self.is_observable] / self.scale[:, np.newaxis], unobserved / lengths
@@ -134,9 +139,10 @@ class Support:
 
     @property
     def information(self) -> Floats:
-        """(K, K) information without the spurious part; its inverse is a covariance.
+        """(K, K) information without its spurious part; the inverse is a covariance.
 
-        Noise adds its share to the matrix and to the covariance of the gradient, so the factor is (1 − share)².
+        Noise adds its share both to the normal matrix and to the covariance of the gradient. The information in a
+        direction is therefore multiplied by (1 − share)².
         """
         scaled = self.vectors[:, self.is_observable] * self.scale[:, np.newaxis]
         information: Floats = (scaled * (self.values * (1.0 - self.share) ** 2)[self.is_observable]) @ scaled.T

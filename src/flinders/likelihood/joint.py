@@ -43,32 +43,32 @@ MAX_START_NOISE: Final = 0.1
 """Largest standard deviation at the start: of readings relative to the field, of verticals in rad."""
 
 MIN_SCATTER_DROP: Final = 2.0
-"""Smallest drop in the scatter of the field in the world, as a factor, that makes another mounting the start."""
+"""Smallest factor by which another mounting reduces the scatter of the field in the world to be the start."""
 
 MOUNTING_ITERATIONS: Final = 10
-"""Iterations that estimate the direction of the field and the mounting of the magnetometer in turn."""
+"""Count of iterations that estimate, in turn, the direction of the field and the mounting of the magnetometer."""
 
 MAX_START_ATTITUDES: Final = 1000
 """Largest number of attitudes from which a start is estimated."""
 
 MIN_LONG_READINGS: Final = 20_000
-"""Number of readings from which a step of a few hundredths of a standard deviation is the last."""
+"""Number of readings from which the iteration stops at a step of a few hundredths of a standard deviation."""
 
 MIN_MISFIT_RATIO: Final = 1.5
-"""Smallest ratio of residuals to the noise between consecutive readings for a misfit that another start may avoid."""
+"""Smallest ratio of residuals to the noise of consecutive readings at which another start is tried."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointProblem:
-    """Groups of readings, and the prior of the parameters."""
+    """Problem of a magnetometer with aiding sensors: groups of readings, and the prior of the parameters."""
 
     groups: tuple[ObservationGroup, ...]
     layout: ParameterLayout  # free parameters
     aiding: tuple[str, ...]  # names of the terms
     site: Site | None  # known field of the site
     prior: SensorPrior
-    interval: float  # s: between two readings of a window
-    accelerometer: AccelerometerPrior | None = None  # if verticals come from an accelerometer
+    interval: float  # s: time between two readings of a window
+    accelerometer: AccelerometerPrior | None = None  # prior of an accelerometer; None if verticals come from elsewhere
     is_rough: bool = False  # whether to stop as early as for a long recording
     is_robust: bool = False  # whether large residuals reduce the weight of readings; for a start, not for a claim
     tolerance: ClassVar[float] = MAX_COST_INCREASE
@@ -121,7 +121,7 @@ class JointProblem:
 
     @property
     def is_long(self) -> bool:
-        """Whether to stop early: for so many readings that further steps are not worth their time, or if `is_rough`."""
+        """Whether to stop early: if there are many readings, so that further steps take long, or if `is_rough`."""
         return self.is_rough or self.readings >= MIN_LONG_READINGS
 
     def thin(self, readings: int) -> Self:
@@ -130,13 +130,13 @@ class JointProblem:
         return self if step < 2 else replace(self, groups=tuple(group.thin_runs(step) for group in self.groups))
 
     def make_robust(self) -> Self:
-        """The problem with reduced weights of readings with large residuals, which limits the effect of outliers."""
+        """The problem in which readings with large residuals have reduced weights, so that outliers matter less."""
         return replace(self, is_robust=True)
 
     def free_accelerometer(self) -> Self:
         """The problem with the errors of an accelerometer as free parameters, if there is one.
 
-        They are fixed during the first iterations, because noise could lead the solver far away along them.
+        These errors are fixed during the first iterations, because noise could lead the solver to implausible values.
         """
         if self.accelerometer is None or "sine" not in self.layout:
             return self
@@ -151,16 +151,17 @@ class JointProblem:
         return self.estimate_direction(replace(at, rotation=self._start_rotation(at)))
 
     def begin_from(self, near: Parameters, layout: ParameterLayout) -> Parameters:
-        """Parameters to start from, after a fit of another `ParameterLayout`."""
+        """Parameters to start from, by the result `near` of a fit with another `ParameterLayout`."""
         free = ("rotation", "gyro_bias", "gyro_scale", "gyro_turn", "delay")
         values = {name: getattr(near, name) for name in free if name in layout and name in self.layout}
         at = replace(self.begin(near.ellipsoid), **values)
         return self.estimate_direction(replace(at, rotation=self._start_rotation(at)))
 
     def _start_rotation(self, at: Parameters) -> Floats:
-        """(3, 3) mounting with a constant field in the world by the attitudes, if it is much better than that of `at`.
+        """(3, 3) mounting to start from: that of `at`, unless another one makes the field much more constant.
 
-        The solver does not converge from a mounting with a large error, so all 24 axis rotations are tried.
+        The field is rotated into the world by the attitudes. The solver does not converge from a mounting with a large
+        error, so all 24 axis rotations are tried.
         """
         attitudes, seen = [], []
         for group in self.groups:
@@ -208,7 +209,10 @@ class JointProblem:
         return equations
 
     def _site_rows(self, at: Parameters, site: Site) -> Iterator[tuple[str, Floats, float]]:
-        """Yield block of parameters, Jacobian and residual, in standard deviations, of each known value of the site."""
+        """Yield an observation for each known value of the site: block of parameters, Jacobian and residual.
+
+        Jacobian and residual are in standard deviations.
+        """
         if site.strength is not None:
             width = site.gain_sigma * site.strength
             mean = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]) / 3.0
@@ -222,7 +226,10 @@ class JointProblem:
             yield "sine", np.ones(1) / site.sine_sigma, (site.sine - at.sine) / site.sine_sigma
 
     def reweigh(self, iterate: JointIterate, equations: Equations) -> JointIterate:
-        """Weight each kind of residual by its noise; large residuals of verticals, or if robust of readings, less."""
+        """Weight each kind of residual by its noise, and reduce the weight of large residuals of verticals.
+
+        If the problem is robust, the weight of readings with large residuals is reduced as well.
+        """
         weights = self._weights(iterate, equations)
         groups = tuple(
             _reweigh_group(group, original, iterate.at, directions, weights, is_robust=self.is_robust)
@@ -248,15 +255,15 @@ JointIterate: TypeAlias = Iterate[Parameters, ObservationGroup, Weights]
 def find_mounting(attitudes: Floats, seen: Floats, rotation: Floats) -> Floats:
     """Mounting of a magnetometer on a body of known attitude: the assumed one, unless another is much better.
 
-    From each of the 24 axis rotations, the field's mean direction m = Σ C R q, and the rotation that maps all q closest
-    to Cᵀ m (Wahba's problem, by singular values), are computed in turn.
+    The search starts at each of the 24 axis rotations R. Two steps are repeated: the mean direction m = Σ C R q of the
+    field is computed, then the rotation that maps all q closest to Cᵀ m (Wahba's problem, by singular values).
 
     Parameters
     ----------
     attitudes : (N, 3, 3) float
-        C, from body to world.
+        C, rotations from body axes to world axes.
     seen : (N, 3) float
-        q, in the magnetometer's own axes, of about unit length.
+        q, field directions in the magnetometer's own axes, of about unit length.
     rotation : (3, 3) float
         The assumed mounting, from the magnetometer's axes to the body's.
 
@@ -291,7 +298,7 @@ def find_mounting(attitudes: Floats, seen: Floats, rotation: Floats) -> Floats:
 
 
 def group_readings(samples: Samples, terms: Sequence[str], window_s: float) -> tuple[list[ObservationGroup], float]:
-    """Groups of readings that share a direction, and the interval between the readings of a window in s."""
+    """Groups of readings with a common direction, and the time in s between the readings of a window."""
     auxiliary = _Attitudes.of(samples, terms)
     every = np.arange(len(samples), dtype=np.intp)
     if "rate" not in terms or samples.rate is None or samples.time is None:
@@ -312,7 +319,7 @@ def group_readings(samples: Samples, terms: Sequence[str], window_s: float) -> t
 
 
 class _Attitudes(NamedTuple):
-    """(N, 3, 3) attitude or (N, 3) vertical of each reading, and its (N,) weight, 0 to 1."""
+    """(N, 3, 3) attitudes or (N, 3) verticals of N readings, and their (N,) weights, 0 to 1."""
 
     attitudes: Floats | None = None
     down: Floats | None = None
@@ -346,7 +353,7 @@ def _make_group(samples: Samples, rows: NDArray[np.intp], auxiliary: _Attitudes)
 
 
 def start_iterate(problem: JointProblem, at: Parameters) -> JointIterate:
-    """Start of the iteration at given parameters: directions by the readings, and noises by the residuals."""
+    """Start of the iteration at given parameters, with directions from the readings and noises from the residuals."""
     groups = tuple(group.at(at) for group in problem.groups)
     directions = tuple(group.guess(at) for group in groups)
     squares, counts = np.zeros(2), np.zeros(2)
@@ -366,7 +373,7 @@ def start_iterate(problem: JointProblem, at: Parameters) -> JointIterate:
 
 
 def has_misfit(iterate: JointIterate) -> bool:
-    """Whether weighted residuals are much larger than their changes between consecutive readings."""
+    """Whether the model does not fit: residuals are much larger than their changes between consecutive readings."""
     total, steps, count, pairs = 0.0, 0.0, 0, 0
     for group, directions in zip(iterate.groups, iterate.directions, strict=True):
         residual, auxiliary = unweighted_residuals(group, iterate.at, directions)

@@ -1,4 +1,4 @@
-"""Term of the magnitude: the field has the same strength in all directions of the sensor.
+"""Term of the magnitude: corrected readings have the same length in all directions.
 
 A reading x has y = S⁻¹(x − b), which would be a unit vector u without noise. Its distance from the
 ellipsoid, to first order and in the unit of the readings, is the Sampson distance
@@ -6,12 +6,12 @@ ellipsoid, to first order and in the unit of the readings, is the Sampson distan
     s = (|y| − 1) / |S⁻¹ y/|y||
 
 With the surface normal n = S⁻¹u/|S⁻¹u| a change of parameters moves the surface towards x by
-n·δb + nᵀ δS u, which gives the Jacobian. It is evaluated at the first-order foot point of x on the
-ellipsoid, where it contains no noise of first order.
+n·δb + nᵀ δS u, which gives the Jacobian. The Jacobian is evaluated at the first-order foot point of x on
+the ellipsoid, where it contains no noise of first order.
 
-A bias of second order remains: the surface is curved, so noise moves readings outwards on average, by
-E[s] = ½ σ² ∇²s. `curvature` gives Σ J ½∇²s, which the solver subtracts; otherwise the bias would be
-many times the claimed uncertainty of long recordings.
+A bias of second order remains: because the surface is curved, noise moves readings outwards on average, by
+E[s] = ½ σ² ∇²s. `curvature` gives Σ J ½∇²s, which the solver subtracts. Without this correction the bias of a
+long recording would be many times the claimed uncertainty.
 
 Source: P. D. Sampson (1982), Computer Graphics and Image Processing 18; bias of estimating
 equations as in Kukush, Markovsky, Van Huffel (2004) §2.
@@ -43,7 +43,7 @@ _DERIVATIVES[12, 9] = 1.0
 
 
 def equations(blocks: Iterable[Floats], ellipsoid: Ellipsoid) -> NormalEquations:
-    """Normal equations of blocks of (m, 3) readings, linearised at an ellipsoid."""
+    """Normal equations of blocks of (m, 3) readings, linearized at an ellipsoid."""
     inverse = np.linalg.inv(ellipsoid.shape)
     total = np.zeros((10, 10))
     count = 0
@@ -56,13 +56,13 @@ def equations(blocks: Iterable[Floats], ellipsoid: Ellipsoid) -> NormalEquations
 
 
 def distances(readings: Floats, ellipsoid: Ellipsoid) -> Floats:
-    """(N,) Sampson distances of (N, 3) readings, outside positive, in their unit."""
+    """(N,) Sampson distances of (N, 3) readings, in their unit; positive outside of the ellipsoid."""
     inverse = np.linalg.inv(ellipsoid.shape)
     return _distances(inverse @ subtract_centre(readings, ellipsoid.centre), inverse)[0]
 
 
 def curvature(readings: Floats, ellipsoid: Ellipsoid) -> Floats:
-    """(9,) Σ J ½∇²s over (N, 3) readings; noise adds σ² times this to the mean gradient.
+    """(9,) mean gradient Σ J ½∇²s over (N, 3) readings from a noise of 1; it grows with σ².
 
     On the surface ∇²s = (tr K − k₁)/√k₁ − 2 (k₂ − k₁²)/k₁^{3/2} with K = S⁻², k₁ = uᵀKu, k₂ = |Ku|².
     """
@@ -83,7 +83,7 @@ def curvature(readings: Floats, ellipsoid: Ellipsoid) -> Floats:
 
 
 def information(directions: Floats, ellipsoid: Ellipsoid) -> Floats:
-    """(K, 9) Jacobian at (K, 3) unit directions: displacement of the surface there by each parameter."""
+    """(K, 9) Jacobian at (K, 3) unit directions: displacement of the surface in each direction by each parameter."""
     normals = np.linalg.inv(ellipsoid.shape) @ directions.T
     normals /= _lengths(normals)
     return parameter_derivatives(normals, directions.T)

@@ -1,6 +1,7 @@
-"""Groups of readings that share a direction of the field: a single reading, or a window of a gyro.
+"""Groups of readings with a common direction of the field: a single reading, or the readings of a gyro window.
 
-The direction of the field at each reading is a nuisance parameter. Aiding sensors determine which readings share it:
+The direction of the field is a nuisance parameter of each group. The terms of aiding sensors differ in their groups,
+and in what they observe about the direction q_k at reading k:
 
     magnitude      one reading        q = v                 only the length is observed
     dip            one reading        q = v, dᵀq = sin I    and the height above the horizon
@@ -12,18 +13,19 @@ Residuals are r = x − b − S Rᵀ q in the unit of the readings, sin I − d�
 C. All are linear in the noise. The direction of each group is eliminated by a Schur complement: with the Jacobians J of
 the parameters and V of the direction, JᵀV (VᵀV)⁻¹ VᵀJ is subtracted from the normal equations.
 
-The direction v moves on a sphere, which is curved. A covariance C of v gives residuals of mean ½ tr(C) f(v), with f the
-part of the model that is linear in v. `bent` is the resulting mean gradient, which the solver subtracts. For a single
-reading it is the curvature of `flinders.likelihood.magnitude`; in a window it decreases with the number of readings.
+The direction v lies on a sphere, which is curved. A covariance C of v gives residuals of mean ½ tr(C) f(v), with f the
+part of the model that is linear in v. `bias_gradient` is the resulting mean gradient, which the solver subtracts. For a
+single reading it is the curvature of `flinders.likelihood.magnitude`; in a window it decreases with the number of
+readings.
 
 With an accelerometer's errors the vertical is v = (1 + Γ)(d + β/ρ), see `flinders.likelihood.dip`. While the body is
-level the errors have the same effect as a rotation of the magnetometer; when it tilts, their effect differs. The
-residual is |v| sin I − vᵀq, which has the noise of d regardless of β; divided by |v| it would decrease with a β that
-makes v longer.
+level the errors have the same effect as a rotation of the magnetometer; when the body tilts, their effect differs. The
+residual is |v| sin I − vᵀq, whose noise is that of d regardless of β. If it were divided by |v|, a β that makes v
+longer would reduce it.
 
-The noise of the vertical occurs in the residual sin I − dᵀq and in its Jacobian dᵀ∂q. Their product has the mean
-σ² sin I dᵀ∂q for a noise σ in each direction across d. Also, the mean of a noisy unit vector is shorter, by σ². `bent`
-contains both effects. The noise of attitudes has no such effect, see `flinders.likelihood.attitude`.
+The noise of the vertical occurs in the residual sin I − dᵀq and in its Jacobian dᵀ∂q. Their product has the mean σ² sin
+I dᵀ∂q for a noise σ in each direction across d. Also, the mean of a noisy unit vector is shorter, by σ².
+`bias_gradient` contains both effects. The noise of attitudes has no such effect, see `flinders.likelihood.attitude`.
 
 Source: eliminating nuisance parameters as in B. Triggs et al., *Bundle Adjustment*, 2000; the bias of a
 curved surface as in `flinders.likelihood.magnitude`.
@@ -32,7 +34,7 @@ curved surface as in `flinders.likelihood.magnitude`.
 >>> field = np.array([[[50.5, 0.0, 0.0]], [[0.0, 49.0, 0.0]]])               # on a sphere of radius 50, with noise
 >>> group = ObservationGroup.of(field)
 >>> here = Parameters.at(np.zeros(3), 50.0 * np.eye(3))
->>> equations = group.linearise(here, group.guess(here), ParameterLayout.of(), Weights(1.0))
+>>> equations = group.linearize(here, group.guess(here), ParameterLayout.of(), Weights(1.0))
 >>> round(equations.cost, 6), round(float(equations.matrix[3, 3]), 6)         # 0.5² + 1²; one reading observes S₁₁
 (1.25, 1.0)
 """
@@ -83,8 +85,8 @@ class Weights(NamedTuple):
 
     noise: float  # standard deviation of a component of a reading, in its unit
     vertical: float = 1.0  # standard deviation of dᵀq, or of an attitude about each axis, in rad
-    own: float = 1.0  # fraction of the variance of dᵀq by the noise of d; the rest is the walk of a gyro
-    span: float = 1.0  # correlation length of verticals, in readings, as accelerations last
+    own: float = 1.0  # fraction of the variance of dᵀq from the noise of d; the rest is the random walk of a gyro
+    span: float = 1.0  # correlation length of verticals in readings, because accelerations last
 
     @property
     def steepness(self) -> float:
@@ -131,7 +133,10 @@ class ObservationGroup:
         return self.chunk(slice(None, None, step))
 
     def thin_runs(self, step: int) -> Self:
-        """The group with every `step`-th window; single readings in runs of `RUN_READINGS`, for noise estimates."""
+        """The group with every `step`-th window; of single readings, whole runs of `RUN_READINGS` are selected.
+
+        Runs are needed for estimates of noise and correlation.
+        """
         if self.turned is not None:
             return self.thin_windows(step)
         return self.chunk(np.flatnonzero(np.arange(len(self.rows)) // RUN_READINGS % step == 0))
@@ -145,14 +150,14 @@ class ObservationGroup:
         return replace(self, **parts, turned=None if self.turned is None else self.turned.chunk(rows))  # type: ignore[arg-type]
 
     def at(self, at: Parameters) -> Self:
-        """The group with the gyro's rotation for other parameters."""
+        """The group with the rotations of the gyro for given parameters."""
         if self.turned is None:
             return self
         return replace(self, turned=self.turned.with_gyro(at.gyro_bias, at.gyro))
 
     @property
     def rotations(self) -> Floats:
-        """(W, n, 3, 3) from body axes at each reading to those at the first of its window, without the delay."""
+        """(W, n, 3, 3) rotations from body axes at each reading to those at the first reading, without the delay."""
         if self.turned is not None:
             return self.turned.rotations
         return np.broadcast_to(np.eye(3), (*self.weight.shape, 3, 3))
@@ -166,7 +171,7 @@ class ObservationGroup:
         return None if self.down is None else dip.correct_verticals(self.down, at.accelerometer)[0]
 
     def guess(self, at: Parameters) -> Floats:
-        """(W, 3) direction of each window by the mean of its readings."""
+        """(W, 3) direction of each window, estimated by the mean of its readings."""
         seen = self.subtract_offset(at) @ np.linalg.inv(at.rotated_shape).T * self.weight[..., np.newaxis]
         if self.turned is not None:
             seen = apply_matrices(self.turned.rotations, make_contiguous(seen))
@@ -176,7 +181,11 @@ class ObservationGroup:
         return unit
 
     def rotated_directions(self, at: Parameters, directions: Floats) -> tuple[Floats, Floats | None]:
-        """(W, n, 3) q at each reading from (W, 3) directions, and the (W, n, 3, 3) rotations between them."""
+        """(W, n, 3) direction q at each reading, and (W, n, 3, 3) rotations to q from the window's direction.
+
+        `directions` are the (W, 3) directions at the first reading of each window. The rotations are None without a
+        gyro.
+        """
         if self.turned is None:
             return np.broadcast_to(directions[:, np.newaxis], self.field.shape), None
         back = np.swapaxes(self.turned.rotations, 2, 3)
@@ -192,7 +201,7 @@ class ObservationGroup:
             cost += float(np.sum(np.einsum("wni,wni->wn", vertical, vertical) * self.trust)) * weights.steepness**2
         return cost
 
-    def linearise(
+    def linearize(
         self, at: Parameters, directions: Floats, layout: ParameterLayout, weights: Weights
     ) -> EliminatedEquations:
         """Normal equations at given parameters and (W, 3) directions, with the directions eliminated."""
@@ -203,17 +212,17 @@ class ObservationGroup:
 class ObservationRows:
     """Residuals of a group, in standard deviations, and their Jacobians J = −∂r/∂θ."""
 
-    residual: Floats  # (W, k, n): k is 3, 4 with a vertical, or 6 with an attitude
+    residual: Floats  # (W, k, n): k residuals of each reading: 3, 4 with a vertical, or 6 with an attitude
     jacobian: Floats  # (W, k, n, P)
     own: Floats  # (W, k, n, 2): Jacobian of the window's own direction
     model: Floats  # (W, k, n): part of the model that is linear in that direction
-    # (W, k, n): equivalent mean residual by the noise of verticals, which occurs in the residual and in its Jacobian
-    lean: Floats
-    still: Floats  # (P,): 1 for a parameter whose Jacobian is free of that noise
-    # number of residuals of each kind, regardless of their weights; 2 for an attitude, because its residual along the
-    # field is of second order
+    # (W, k, n): mean residual that is equivalent to the noise of verticals, which is in the residual and its Jacobian
+    mean_residual: Floats
+    noise_free: Floats  # (P,): 1 for a parameter whose Jacobian is free of that noise
+    # number of residuals of each kind, regardless of their weights; an attitude counts as 2, because its residual along
+    # the field is of second order
     counts: tuple[float, ...]
-    # slices of (W, k, n) residuals with separate standard deviations: readings, and verticals or attitudes
+    # slices of the (W, k, n) residuals of each kind, with its own standard deviation: readings; verticals or attitudes
     kinds: tuple[tuple[slice, ...], ...] = (np.s_[:, :3], np.s_[:, 3:])
 
 
@@ -224,13 +233,13 @@ class EliminatedEquations:
     matrix: Floats  # (P, P)
     gradient: Floats  # (P,)
     cost: float  # Σ r²
-    bent: Floats  # (P,): mean gradient by noise, because the sphere of directions is curved
-    root: Floats  # (W, 2, 2): T, with T Tᵀ the covariance of each direction for known parameters
+    bias_gradient: Floats  # (P,): mean gradient from noise, because the sphere of directions is curved
+    root: Floats  # (W, 2, 2): T, with T Tᵀ the covariance of each direction if the parameters are known
     mixed: Floats  # (W, P, 2): JᵀV, see `orthonormalise`
     own: Floats  # (W, 2): Vᵀr
     squares: Floats  # (K,): Σ r² of each kind of residual, with fitted directions
     expected: Floats  # (K,): expectation of `squares` for correct weights, before the fit of the parameters
-    # (K, K): derivative of `squares` by relative changes of the variances, twice Fisher's information
+    # (K, K): derivative of `squares` by relative changes of the variances, which is twice Fisher's information
     curvature: Floats
 
     @classmethod
@@ -241,7 +250,7 @@ class EliminatedEquations:
         return cls(matrix, gradient, cost, np.zeros(size), *none, nothing, nothing, np.zeros((0, 0)))
 
     @classmethod
-    def joined(cls, parts: Sequence[Self]) -> Self:
+    def join(cls, parts: Sequence[Self]) -> Self:
         """Join the normal equations of several groups."""
         if len(parts) == 1:
             return parts[0]
@@ -254,13 +263,16 @@ class EliminatedEquations:
         return cls(**values)  # type: ignore[arg-type]
 
     def follow(self, directions: Floats, step: Floats) -> Floats:
-        """(W, 3) directions fitted after a (P,) step of the parameters."""
+        """(W, 3) best directions after a (P,) step of the parameters."""
         left = self.own - np.einsum("p,wpa->wa", step, self.mixed)
         return step_on_sphere(directions, np.einsum("wab,wb->wa", self.root, left))
 
 
 def unweighted_residuals(group: ObservationGroup, at: Parameters, directions: Floats) -> tuple[Floats, Floats | None]:
-    """Unweighted residuals: (W, n, 3) r in the unit of the readings, and (W, n, 1) sin I − dᵀq or (W, n, 3) m − C q."""
+    """Unweighted residuals of the readings, (W, n, 3) in their unit, and of verticals or attitudes, in rad.
+
+    The latter are (W, n, 1) sin I − dᵀq or (W, n, 3) m − C q; None without these sensors.
+    """
     q, _ = group.rotated_directions(at, directions)
     residual = group.subtract_offset(at) - transform_vectors(at.rotated_shape, q)
     if group.attitudes is not None:
@@ -273,7 +285,7 @@ def unweighted_residuals(group: ObservationGroup, at: Parameters, directions: Fl
 
 def eliminate_directions(rows: ObservationRows) -> EliminatedEquations:
     """Normal equations of rows, with their own directions eliminated."""
-    width, lean = rows.jacobian.shape[-1], rows.lean
+    width, lean = rows.jacobian.shape[-1], rows.mean_residual
     flat = rows.jacobian.transpose(3, 1, 0, 2).reshape(width, -1)  # (P, k W n)
     own, root = orthonormalise(rows.own)
     mixed = mixed_products(rows.jacobian, own)
@@ -283,21 +295,23 @@ def eliminate_directions(rows: ObservationRows) -> EliminatedEquations:
     left = 1.0 - np.einsum("wkna,wkna->wkn", own, own)  # variance left by the fitted directions
     off = rows.model * share[:, np.newaxis, np.newaxis] + lean * (1.0 + left)
     weighing = np.stack([np.swapaxes(one, 0, 1).ravel() for one in (rows.residual, off, lean * left)])
-    gradient, bent, leaning = weighing @ flat.T
+    gradient, bias_gradient, residual_gradient = weighing @ flat.T
     matrix = flat @ flat.T - projected @ projected.T
     gradient = gradient - projected @ pull.T.ravel()
-    bent = bent - projected @ np.einsum("wkna,wkn->aw", own, off).ravel() - leaning * rows.still
+    bias_gradient = bias_gradient - projected @ np.einsum("wkna,wkn->aw", own, off).ravel()
+    bias_gradient = bias_gradient - residual_gradient * rows.noise_free
     settled = rows.residual - np.einsum("wkna,wa->wkn", own, pull)
     remaining = np.array([np.sum(settled[kind] ** 2) for kind in rows.kinds])
     expected, curvature = _components([own[kind] for kind in rows.kinds], np.asarray(rows.counts))
     cost = float(np.sum(rows.residual**2))
-    return EliminatedEquations(matrix, gradient, cost, bent, root, mixed, pull, remaining, expected, curvature)
+    return EliminatedEquations(matrix, gradient, cost, bias_gradient, root, mixed, pull, remaining, expected, curvature)
 
 
 def orthonormalise(own: Floats) -> tuple[Floats, Floats]:
-    """(W, k, n, 2) columns V = own T with VᵀV = 1 (Gram–Schmidt), and (W, 2, 2) T, of each window.
+    """Orthonormal columns V = own T of each window, (W, k, n, 2), and the (W, 2, 2) matrix T, by Gram–Schmidt.
 
-    T Tᵀ is the covariance of the window's direction. Both are zero for a window without information on it.
+    T Tᵀ is the covariance of the window's direction. V and T are zero for a window without information on its
+    direction.
     """
     first, second = own[..., 0], own[..., 1]
     a, b, d = (
@@ -324,7 +338,8 @@ def mixed_products(jacobian: Floats, own: Floats) -> Floats:
 def _components(own: Sequence[Floats], counts: Floats) -> tuple[Floats, Floats]:
     """(K,) expected squares of each kind of residual, and their (K, K) derivative by relative changes of variances.
 
-    With Q = 1 − V Vᵀ of a window and `own` the rows of V of each kind: tr Q over the rows of a kind, and tr Q_ab Q_ba.
+    With Q = 1 − V Vᵀ of a window these are tr Q over the rows of a kind, and tr Q_ab Q_ba of two kinds a and b. `own`
+    has the rows of V of each kind.
     """
     shares = [np.einsum("wkna,wknb->wab", of_kind, of_kind) for of_kind in own]
     traces = np.array([float(np.einsum("waa->", share)) for share in shares])
@@ -349,7 +364,7 @@ def residual_rows(
         _own_jacobian(group, at, directions, back, weights),
         model,
         lean,
-        *_still_and_counts(group, layout, weights),
+        *_noise_free_and_counts(group, layout, weights),
     )
     if group.trust is not None:
         _fill_auxiliary(rows, group, at, q, weights)
@@ -364,7 +379,7 @@ def own_jacobian(group: ObservationGroup, at: Parameters, directions: Floats, we
 def _own_jacobian(
     group: ObservationGroup, at: Parameters, directions: Floats, back: Floats | None, weights: Weights
 ) -> Floats:
-    """As `own_jacobian`, with the (W, n, 3, 3) rotations of `ObservationGroup.seen`."""
+    """`own_jacobian` with `back`, the rotations that `ObservationGroup.rotated_directions` returns."""
     windows, n = group.weight.shape
     own = np.empty((2, group.residuals_per_reading, windows, n)).transpose(2, 1, 3, 0)
     tangent = perpendicular_vectors(directions)[:, np.newaxis]
@@ -394,10 +409,10 @@ def _auxiliary_steepness(group: ObservationGroup, weights: Weights) -> Floats:
     return steep
 
 
-def _still_and_counts(
+def _noise_free_and_counts(
     group: ObservationGroup, layout: ParameterLayout, weights: Weights
 ) -> tuple[Floats, tuple[float, float]]:
-    """Values of `ObservationRows.still` and `ObservationRows.counts`."""
+    """Values of `ObservationRows.noise_free` and `ObservationRows.counts`."""
     trusted = 0.0 if group.trust is None else float(np.count_nonzero(group.trust))
     trusted *= 1.0 / weights.span if group.attitudes is None else 2.0
     still = np.zeros(layout.size)
@@ -410,7 +425,7 @@ def _still_and_counts(
 def _fill_auxiliary(
     rows: ObservationRows, group: ObservationGroup, at: Parameters, q: Floats, weights: Weights
 ) -> None:
-    """Write the residuals of verticals or attitudes, with their `model` and `lean`.
+    """Write the residuals of verticals or attitudes, with their `model` and `mean_residual`.
 
     Parameters
     ----------
@@ -434,7 +449,7 @@ def _fill_auxiliary(
     elif (down := group.corrected_verticals(at)) is not None:
         usual = np.count_nonzero(trust) / max(float(trust.sum()), 1e-300)  # the variance is that of a trust of 1
         across_it = usual * weights.own * weights.vertical**2 / max(1.0 - at.sine**2, 1e-3)
-        rows.lean[:, 3] = at.sine * across_it * steep
+        rows.mean_residual[:, 3] = at.sine * across_it * steep
         rows.model[:, 3] = dip.heights(down, q) * steep
         rows.residual[:, 3] = dip.dip_residuals(down, q, at.sine) * steep
 

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 ROTATION_SIGMA: Final = 0.35
-"""Prior standard deviation in rad of the rotation between sensors on one body, about the start of the fit."""
+"""Prior standard deviation in rad of the rotation between sensors on one body, about the rotation at the start."""
 
 MIN_AXIS_RATIO: Final = 1e-3
 """Smallest ratio of the shortest to the longest semi-axis; no sensor has a flatter ellipsoid."""
@@ -105,10 +105,10 @@ class Parameters(Surface):
 
     # (3, 3): from the magnetometer's axes to the body's, which are those of gyro, accelerometer and attitude
     rotation: Floats
-    gyro_bias: Floats  # (3,), rad/s: d
+    gyro_bias: Floats  # (3,), rad/s: bias d of the gyro
     delay: float  # s: delay of the magnetometer behind the gyro
     sine: float  # sine of the dip, positive if the field points below the horizon
-    direction: Floats  # (3,): unit vector: the site's field in the world axes of a logged attitude
+    direction: Floats  # (3,): unit vector of the site's field, in the world axes of a logged attitude
     # (6,): upper triangle of Γ, in the order of `flinders.geometry.ellipsoid.symmetric_matrix`: the rate of the body is
     # (1 + Γ)(ω − d)
     gyro_scale: Floats = dataclasses.field(default_factory=lambda: np.zeros(6))
@@ -149,7 +149,7 @@ class Parameters(Surface):
 
     @property
     def gyro(self) -> Floats:
-        """(9,) Γ and ψ."""
+        """(9,) parameters of the gyro's matrix: Γ, then ψ."""
         return np.concatenate([self.gyro_scale, self.gyro_turn])
 
     @property

@@ -1,15 +1,16 @@
 """Problem of the solver for shots of a survey instrument: magnetometer, accelerometer and pointing axis.
 
-A shot k of group j has an attitude C_k, from the axes of the instrument to the world (north, east, down). Residuals are
+A shot is one pair of readings while the instrument points at a target. Shot k of group j has an attitude C_k, from the
+axes of the instrument to the world (north, east, down). Residuals are
 
     m_k − b − S Rᵀ C_kᵀ f,        g_k − b' − S' C_kᵀ e,        t_j − C_k p
 
 with the magnetometer's reading m and the accelerometer's reading g, which points down; the field f = (cos I, 0, sin I)
 of dip I and e = (0, 0, 1); the pointing axis p, a unit vector in the accelerometer's axes; and the common direction t_j
-of all shots of group j, which differ in their roll. Each kind of residual has its own standard deviation: noise of both
-sensors and error of aiming. For a nonlinear accelerometer g_k is replaced by g_k + q g_k² for each axis, with the noise
-of g_k. The directions t_j are eliminated (`flinders.likelihood.observations`). Parameters are gains, axes and offsets
-of both sensors, 24, or 27 with q, and three for the attitude of each shot.
+of all shots of group j, which differ in their roll. Each of the three kinds of residual has its own standard deviation:
+noise of both sensors and error of aiming. For a nonlinear accelerometer g_k is replaced by g_k + q g_k² for each axis.
+The directions t_j are eliminated (`flinders.likelihood.observations`). The parameters are 24 gains, axes and offsets of
+both sensors, or 27 with q, and three for the attitude of each shot.
 
 Standard deviations are estimated from the residuals and the trace of the hat matrix of each kind (W. Förstner 1979).
 
@@ -62,13 +63,13 @@ MIN_AIM_SIGMA_RAD: Final = 2e-4
 """Smallest standard deviation of aiming by hand in rad."""
 
 START_SIGMA: Final = 0.03
-"""Standard deviations at the start: relative to the field, relative to gravity, and in rad."""
+"""Standard deviation at the start of each kind of residual: relative to the field, to gravity, and in rad."""
 
 SHOT_FREEDOM: Final = 5.0
-"""Degrees of freedom of the residuals of a shot besides its attitude: two lengths, dip, and direction."""
+"""Degrees of freedom of a shot's residuals after its attitude is fitted: two lengths, dip, and two of direction."""
 
 MIN_FREEDOM: Final = 0.5
-"""Smallest degrees of freedom of a kind of residual for the estimate of its standard deviation."""
+"""Smallest degrees of freedom of a kind of residual at which its standard deviation is estimated."""
 
 RESIDUAL_KINDS: Final = (np.s_[:, :3], np.s_[:, 3:6], np.s_[:, 6:])
 """Slices of the residuals of field, gravity and aim."""
@@ -81,7 +82,7 @@ class SurveyLayout:
     """Columns of the Jacobian for the parameters of an instrument and the attitudes of its shots."""
 
     shots: int  # number of shots
-    gravity: float = 0.0  # length of the accelerometer's readings, which scales q; 0 without quadratic terms
+    gravity: float = 0.0  # length of the accelerometer's readings, by which q is scaled; 0 without quadratic terms
     magnetometer: ClassVar[slice] = slice(0, 12)
     accelerometer: ClassVar[slice] = slice(12, 21)
     dip: ClassVar[slice] = slice(21, 22)
@@ -190,9 +191,9 @@ class SurveyParameters:
 
     @property
     def to_instrument(self) -> Floats:
-        """(3, 3) from the accelerometer's axes to those of the instrument, whose first axis is the pointing axis.
+        """(3, 3) rotation from the accelerometer's axes to those of the instrument, with the pointing axis as first.
 
-        The roll is that of Heeb: the accelerometer's matrix is symmetric in the other two axes.
+        The roll about the pointing axis is that of Heeb: the accelerometer's matrix is symmetric in the other two axes.
         """
         right = np.eye(3)[1] - self.pointing[1] * self.pointing
         right /= np.linalg.norm(right)
@@ -205,7 +206,7 @@ class SurveyParameters:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShotGroup:
-    """All shots in W rows, one for each direction; rows are padded to n shots with weight 0."""
+    """All shots in W rows, one row for each group of a common direction; rows are padded to n shots with weight 0."""
 
     shots: NDArray[np.intp]  # (W, n): index of the shot
     weight: Floats  # (W, n): 1, or 0 for padding
@@ -231,7 +232,7 @@ class ShotGroup:
         return aimed
 
     def guess(self, at: SurveyParameters) -> Floats:
-        """(W, 3) mean direction of each group."""
+        """(W, 3) mean direction of each group, as a start."""
         total = np.einsum("wni,wn->wi", self.aim_directions(at), self.weight)
         mean: Floats = total / np.linalg.norm(total, axis=1, keepdims=True)
         return mean
@@ -249,7 +250,7 @@ class ShotGroup:
         """Σ r², with each residual r in units of its standard deviation."""
         return float(np.sum(self.residuals(at, directions, noises) ** 2))
 
-    def linearise(
+    def linearize(
         self, at: SurveyParameters, directions: Floats, layout: SurveyLayout, noises: Floats
     ) -> EliminatedEquations:
         """Normal equations, with the directions eliminated."""
@@ -277,7 +278,7 @@ class ShotGroup:
         )
 
     def _fill_sensors(self, jacobian: Floats, turning: Floats, at: SurveyParameters, layout: SurveyLayout) -> None:
-        """Write the unweighted Jacobians of both sensors, by their parameters and dip, and by attitudes (`turning`)."""
+        """Write the unweighted Jacobian of both sensors, by their parameters, the dip, and attitudes (`turning`)."""
         back = np.swapaxes(at.attitudes[self.shots], 2, 3)
         sensors = (
             (self.magnetic, at.magnetometer, MAGNETOMETER, at.field, layout.magnetometer),
@@ -351,11 +352,11 @@ def min_sigmas(at: SurveyParameters) -> Floats:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Influence:
-    """Residuals and hat matrix of a fit, which has the influence of each residual on its own prediction."""
+    """Residuals and hat matrix of a fit; the hat matrix states how much each reading influences its own prediction."""
 
     residual: Floats  # (N, 9): residuals of each shot, in standard deviations
     hat: Floats  # (N, 9, 9): block of the hat matrix for each shot
-    jacobian: Floats  # (N, 9, Q): by all parameters and directions
+    jacobian: Floats  # (N, 9, Q): derivatives of the residuals by all parameters and directions
     inverse: Floats  # (Q, Q): inverse of the normal matrix
 
     @classmethod
@@ -375,7 +376,10 @@ class Influence:
         return cls(rows.residual.transpose(0, 2, 1)[real][order], hat, jacobian, inverse)
 
     def covariance(self, factors: Floats) -> Floats:
-        """(Q, Q) covariance of parameters and directions, with the variances of the residuals times (3,) factors."""
+        """(Q, Q) covariance of parameters and directions, if the variance of each kind is multiplied by a factor.
+
+        `factors` are (3,), for field, gravity and aim.
+        """
         flat = self.jacobian.reshape(-1, self.jacobian.shape[2])
         more = np.tile(np.repeat(factors - 1.0, 3), len(self.jacobian))
         covariance: Floats = self.inverse + self.inverse @ (flat.T * more) @ flat @ self.inverse
@@ -397,7 +401,10 @@ class Influence:
 
     @property
     def contradiction(self) -> Floats:
-        """(N,) root of the decrease of χ², per degree of freedom, if a shot is left out."""
+        """(N,) contradiction of each shot to all others.
+
+        It is the root of the decrease of χ², per degree of freedom, if the shot is left out.
+        """
         free = np.eye(9) - self.hat
         fall = np.einsum("ni,nij,nj->n", self.residual, np.linalg.pinv(free, rcond=1e-6, hermitian=True), self.residual)
         contradiction: Floats = np.sqrt(fall / SHOT_FREEDOM)
@@ -405,7 +412,7 @@ class Influence:
 
 
 def _expand_directions(own: Floats) -> Floats:
-    """(W, k, n, 2 W) Jacobian by all directions, from the (W, k, n, 2) Jacobian of each row by its own direction."""
+    """(W, k, n, 2 W) Jacobian by the directions of all W rows, from the (W, k, n, 2) Jacobian by each row's own."""
     count = len(own)
     apart: Floats = np.einsum("wkna,wv->wknva", own, np.eye(count)).reshape(*own.shape[:3], 2 * count)
     return apart
@@ -427,7 +434,7 @@ def attitudes_of(field: Floats, down: Floats) -> Floats:
 
 
 def start_parameters(magnetic: Floats, gravity: Floats) -> SurveyParameters:
-    """Parameters to start from: a sphere for both sensors, stated axes, and attitudes by the readings."""
+    """Parameters to start from: a sphere for each sensor, the stated axes, and attitudes from the readings."""
     sensors = [Parameters.at(centre, radius * np.eye(3)) for centre, radius in map(sphere_through, (magnetic, gravity))]
     at = SurveyParameters(sensors[0], sensors[1], 0.0, FORWARD, np.empty((0, 3, 3)))
     field, down = (vectors / lengths(vectors)[:, np.newaxis] for vectors in at.corrected_directions(magnetic, gravity))

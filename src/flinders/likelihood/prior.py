@@ -1,7 +1,7 @@
 """Prior of the soft iron: it is small unless the readings contradict.
 
-If a recording lacks directions, the shape there is known only from experience. The prior is that the
-departure of S/R from the identity (R the mean semi-axis) is about `spread`, equally in all directions:
+If a recording lacks directions, only experience tells the shape of the ellipsoid there. The prior is that S/R,
+with R the mean semi-axis, differs from the identity by about `spread`, equally in all directions:
 
     cost = |dev(S)/R|² / (2 spread²)
 
@@ -33,7 +33,7 @@ SOFT_IRON_SPREAD: Final = 0.3
 """Default of `spread`; the soft iron of usual mountings is smaller."""
 
 PLAUSIBLE_SPREADS: Final = 10.0
-"""Standard deviation of centre and size in `plausibility_equations`, relative to the spread of the readings."""
+"""1 σ of centre and size in `plausibility_equations`, as a multiple of the spread of the readings."""
 
 # Deviator of the entries 11, 22, 33, 12, 13, 23; an off-diagonal entry occurs twice in the matrix.
 DEVIATOR_MATRIX: Final = np.zeros((6, 6))
@@ -56,9 +56,9 @@ def plausibility_equations(ellipsoid: Ellipsoid, middle: Floats, spread: float) 
     """Normal equations that keep centre and size in a plausible range if the readings do not determine them.
 
     1 σ of the centre, and of the size, is ten times the spread of the readings about their mean. A level turn does not
-    determine them across its plane; on observable parameters the effect is negligible.
+    determine centre and size perpendicular to its plane. On observable parameters the effect is negligible.
 
-    `middle`: (3,) mean reading; `spread`: root mean square distance of the readings from `middle`.
+    `middle` is the (3,) mean reading; `spread` is the rms distance of the readings from `middle`.
     """
     width = PLAUSIBLE_SPREADS * spread
     residual = np.append(ellipsoid.centre - middle, np.trace(ellipsoid.shape) / 3.0 - spread) / width
@@ -88,13 +88,13 @@ class KnownShape:
 class SensorPrior:
     """Prior of all parameters of one magnetometer."""
 
-    spread: float  # departure of the shape from a sphere, see `equations`
+    spread: float  # 1 σ of the deviation of the shape from a sphere, see `equations`
     middle: Floats  # (3,): mean reading
     width: float  # root mean square distance of the readings from `middle`, see `plausibility_equations`
     rotation: Floats  # (3, 3): mean of the prior of the rotation
-    # standard deviations of blocks, by name, that replace those of `flinders.likelihood.parameters.BLOCKS`
+    # standard deviations of blocks of parameters by name, in place of those of `flinders.likelihood.parameters.BLOCKS`
     sigmas: dict[str, float] = field(default_factory=dict)
-    known: KnownShape | None = None  # shape of an earlier calibration, which replaces the prior by `spread`
+    known: KnownShape | None = None  # shape of an earlier calibration, in place of the prior with `spread`
 
     @classmethod
     def of(
@@ -122,9 +122,9 @@ class SensorPrior:
         return NormalEquations(matrix, gradient, cost, 0)
 
     def influence(self, at: Parameters, covariance: Floats) -> float:
-        """Fraction of information from the prior, in the least known parameter of the shape, by a (9, 9) covariance.
+        """Share of the prior in the information on the least known parameter of the shape, 0 to 1.
 
-        Returns 0 for the shape of an earlier calibration.
+        `covariance` is the (9, 9) one of the fit. The result is 0 for the shape of an earlier calibration.
         """
         if self.known is not None:
             return 0.0

@@ -4,9 +4,9 @@ Residuals of sensors i at times k, with the noise σᵢ of each sensor, are
 
     (xᵢₖ − bᵢ − Sᵢ Rᵢᵀ qₖ) / σᵢ,    |qₖ| = 1
 
-with R = 1 for the reference. Each direction qₖ is eliminated (`flinders.likelihood.observations`). Of 3m residuals of m
-sensors 3m − 2 remain: m compare the lengths, and 2(m − 1) compare the directions of the sensors. The groups of
-`SensorGroup` are observations as any other; a term that shares the direction adds rows to those of a time.
+with R = 1 for the reference. Each direction qₖ is eliminated (`flinders.likelihood.observations`). At each time 3m
+residuals of m sensors are then equivalent to 3m − 2: m compare the lengths, and 2(m − 1) compare the directions of the
+sensors.
 
 >>> field = np.array([[50.0, 0.0, 0.0], [0.0, 50.0, 0.0]])
 >>> group = SensorGroup.of(np.stack([field, 0.8 * field + 1.0]))
@@ -98,7 +98,7 @@ class Sensors:
 class SensorGroup:
     """Readings of several sensors at the same times, with one direction of the field for each time."""
 
-    # group of each sensor with one reading for each time; weight 0 for a missing reading or an outlier
+    # group of each sensor, with one reading for each time; a missing reading or an outlier has weight 0
     each: tuple[ObservationGroup, ...]
 
     @classmethod
@@ -137,7 +137,7 @@ class SensorGroup:
         return unit
 
     def distances(self, at: Sensors, directions: Floats, noise: Floats) -> Floats:
-        """(m, N) length of each residual in the sensor's standard deviations, regardless of its weight."""
+        """(m, N) length of the residual of each reading in standard deviations of the sensor, without weights."""
         parts = zip(self.each, at.each, noise.tolist(), strict=True)
         return np.stack(
             [lengths(unweighted_residuals(group, own, directions)[0][:, 0]) / sigma for group, own, sigma in parts]
@@ -148,9 +148,9 @@ class SensorGroup:
         parts = zip(self.each, at.each, noise.tolist(), strict=True)
         return sum(group.cost(own, directions, Weights(sigma)) for group, own, sigma in parts)
 
-    def linearise(self, at: Sensors, directions: Floats, layout: SensorLayout, noise: Floats) -> EliminatedEquations:
+    def linearize(self, at: Sensors, directions: Floats, layout: SensorLayout, noise: Floats) -> EliminatedEquations:
         """Normal equations at given parameters and directions, with the directions eliminated; computed in chunks."""
-        return EliminatedEquations.joined([
+        return EliminatedEquations.join([
             eliminate_directions(self._chunk(rows).rows(at, directions[rows], layout, noise))
             for rows in (slice(begin, begin + CHUNK_READINGS) for begin in range(0, len(directions), CHUNK_READINGS))
         ])  # fmt: skip
@@ -168,13 +168,13 @@ class SensorGroup:
         jacobian = np.zeros((layout.size, 3, len(directions), len(parts))).transpose(2, 1, 3, 0)
         for sensor, (part, columns) in enumerate(zip(parts, layout.columns, strict=True)):
             jacobian[:, :, sensor, columns] = part.jacobian[:, :, 0]
-        residual, own, model, lean = (
+        residual, own, model, mean_residual = (
             np.concatenate([getattr(part, name) for part in parts], axis=2)
-            for name in ("residual", "own", "model", "lean")
+            for name in ("residual", "own", "model", "mean_residual")
         )
         counts = tuple(part.counts[0] for part in parts)
         kinds = tuple(np.s_[:, :, sensor : sensor + 1] for sensor in range(len(parts)))
-        return ObservationRows(residual, jacobian, own, model, lean, np.zeros(layout.size), counts, kinds)
+        return ObservationRows(residual, jacobian, own, model, mean_residual, np.zeros(layout.size), counts, kinds)
 
 
 SensorIterate: TypeAlias = "Iterate[Sensors, SensorGroup, Floats]"

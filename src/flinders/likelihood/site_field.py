@@ -1,19 +1,21 @@
 """Known field of the site: its strength and inclination.
 
-A number without an uncertainty defines the use of a fit: the length of corrected readings, and the dip at which
-headings are judged. A number with an uncertainty is also an observation in the fit. The strength F then determines the
-size of the shape: the mean of the three semi-axes is F with the relative standard deviation `gain_sigma`, the
-uncertainty of the sensor's gain. The inclination is that of the model to within about a degree; nearby iron and rock
-contribute more than the error of the model. `Site.of` takes both from the model, with uncertainties.
+A strength or inclination without an uncertainty is not used in the fit. The strength then only sets the length of
+corrected readings, the inclination the dip at which headings are judged. With an uncertainty it is also an observation
+in the fit. The strength F then determines the size of the ellipsoid: the mean of the three semi-axes is F with the
+relative standard deviation `gain_sigma`, the uncertainty of the sensor's gain. The inclination agrees with that of the
+geomagnetic model to within about a degree; nearby iron and rock contribute more than the error of the model. `Site.of`
+takes strength and inclination from the model, with usual uncertainties.
 
-When to use it: if the recording is in a physical unit, and the sensor could not be turned upside down, so that size
-and offset across its plane cannot be distinguished.
+When to use it: if the recording is in a physical unit, and the sensor could not be turned upside down. The readings
+alone then do not distinguish the size of the ellipsoid from its offset along the axis of the turn.
 
 A strength that is known to one per cent has no effect if the gain of the sensor is known only to a quarter. If the gain
 has been measured, give a smaller `gain_sigma`.
 
-The readings of a level turn are the same with z down and with z up, but the offset in z from the dip differs by twice
-the field along z. Without an accelerometer, state that z points down (`z_down`); otherwise the claim covers both cases.
+The readings of a level turn are the same with z down and with z up, but the offset along z that follows from the dip
+differs by twice the vertical field. Without an accelerometer, state that z points down (`z_down`); otherwise the claim
+covers both cases.
 
 Source: NOAA/NCEI, *The US/UK World Magnetic Model for 2025–2030*, its error model; data sheets for
 the gain, such as ±5 % for Honeywell's HMC5883L.
@@ -67,7 +69,7 @@ class Site(ShortRepr):
         Uncertainty of the mounting about each axis in degrees, 1 σ. Its heading error is stated separately, because a
         magnetometer cannot observe it. For a level turn at a known site it also limits the tilt, see docs/level.md.
     length : float, optional
-        Length of corrected readings if it differs from `strength`, regardless of the readings.
+        Length of corrected readings, if it shall differ from `strength`.
 
     >>> seen = Site(strength=50.0, gain_sigma=0.05, inclination_deg=60.0).evidence
     >>> seen.strength, seen.inclination_deg, Site(strength=50.0, inclination_deg=60.0).evidence
@@ -104,7 +106,7 @@ class Site(ShortRepr):
     def merge_stated(
         cls, known: Self | None = None, *, strength: float | None = None, inclination_deg: float | None = None
     ) -> Self | None:
-        """Merge a known site with numbers stated by the user, without uncertainty; None without either.
+        """Merge a known site with numbers that the user states without uncertainty; None if nothing is known.
 
         A stated strength sets the length of corrected readings; the known strength is still used in the fit.
 
@@ -127,7 +129,7 @@ class Site(ShortRepr):
 
     @property
     def evidence(self) -> Self | None:
-        """Site with only the numbers that have an uncertainty, which the fit uses; None if there are none."""
+        """The site reduced to the numbers with an uncertainty, which are observations in a fit; None without any."""
         strength = self.strength if math.isfinite(self.gain_sigma) else None
         inclination_deg = self.inclination_deg if math.isfinite(self.inclination_sigma_deg) else None
         if strength is None and inclination_deg is None:
@@ -136,7 +138,7 @@ class Site(ShortRepr):
 
     @property
     def for_judgement(self) -> Self:
-        """Site for the judgement of a fit: length of corrected readings, dip and mounting, without uncertainties."""
+        """The site reduced to the numbers for the judgement of a fit: length of corrected readings, dip, mounting."""
         return type(self)(self.fixed_length, self.inclination_deg, alignment_sigma_deg=self.alignment_sigma_deg)
 
     @property
@@ -146,15 +148,15 @@ class Site(ShortRepr):
 
     @property
     def sine_sigma(self) -> float:
-        """Standard deviation of the sine; near the poles of second order in that of the inclination."""
+        """Standard deviation of the sine of the inclination, to second order, which matters near the poles."""
         level = math.cos(math.radians(self.inclination_deg or 0.0))
         return math.radians(self.inclination_sigma_deg) * max(level, math.radians(self.inclination_sigma_deg))
 
 
 def recorded_site(recording: object, **more: Any) -> tuple[Site, str] | None:
-    """Site from the place and date in a log, or one magnetometer of it, with a message; None without place or date.
+    """Site from the place and date in a log, or in the part of one magnetometer, and a message about it.
 
-    `more` are arguments of `Site`. Also None for readings in counts, whose strength is not known.
+    None without place or date, and for readings in counts, whose strength is not known. `more` are arguments of `Site`.
     """
     field, unit = recorded_field(recording), getattr(recording, "unit", None)
     if field is None or (unit is not None and unit.inside != MICROTESLA):

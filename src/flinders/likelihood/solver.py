@@ -1,4 +1,4 @@
-"""Levenberg–Marquardt solver of joint fits, with observation terms that share directions of the field.
+"""Levenberg–Marquardt solver of joint fits, in which groups of readings have common directions of the field.
 
 Minimises over parameters θ and a direction v of the field for each window, time or reading
 
@@ -11,7 +11,7 @@ eliminated (a Schur complement, see `flinders.likelihood.observations`). A dampe
 
 The step is accepted if χ² does not grow; otherwise the damping λ is increased. After each step the standard deviations
 are estimated from the residuals by Fisher scoring for variance components. At the end `correct_bias` subtracts the
-mean gradient by noise on the curved sphere of directions.
+mean gradient that comes from noise on the curved sphere of directions.
 
 A problem defines its groups, its prior, and the weights of its residuals: `flinders.likelihood.joint` for a
 magnetometer and aiding sensors, `flinders.likelihood.sensors` for several magnetometers on one body,
@@ -44,7 +44,7 @@ MAX_STEPS: Final = 60
 """Largest number of Levenberg–Marquardt steps; ten are usual."""
 
 LAST_STEP_SIGMAS: Final = 1e-3
-"""Length of the last step in standard deviations, root mean square over the parameters; a problem may set another."""
+"""Default of `Problem.last_step`: length of the last step in standard deviations, rms over the parameters."""
 
 MAX_STEP: Final = 0.5
 """Largest step relative to the radius; a longer step is shortened."""
@@ -56,7 +56,7 @@ MAX_COST_INCREASE: Final = 1e-6
 """Largest increase of χ² by an accepted step, besides rounding."""
 
 MIN_VARIANCE_FACTOR: Final = 0.2
-"""Smallest factor of a variance in one step of its estimation; the largest is its inverse."""
+"""Smallest factor by which one step changes an estimated variance; the largest factor is its inverse."""
 
 MAX_SIGMA_CHANGE: Final = 1e-2
 """Largest relative change of a standard deviation at convergence."""
@@ -65,11 +65,11 @@ MAX_CORRECTION_STEPS: Final = 8
 """Largest number of steps with the mean gradient of the noise subtracted."""
 
 LAST_CORRECTION_SIGMAS: Final = 0.03
-"""Length of the last step that corrects bias, in standard deviations; the next is below `LAST_STEP_SIGMAS`."""
+"""Length in standard deviations of the last bias correction step; a next step would be below `LAST_STEP_SIGMAS`."""
 
 
 Values: TypeAlias = Any
-"""Parameters, their layout, or weights; the type depends on the group and its problem."""
+"""Type of parameters, their layout, or weights, which depends on the problem."""
 
 
 class ParameterSet(Protocol):
@@ -92,7 +92,7 @@ class Observations(Protocol):
     def at(self, at: Values) -> Self:
         """The group updated for other parameters."""
 
-    def linearise(self, at: Values, directions: Floats, layout: Values, weights: Values) -> EliminatedEquations:
+    def linearize(self, at: Values, directions: Floats, layout: Values, weights: Values) -> EliminatedEquations:
         """Normal equations, with the directions eliminated."""
 
     def cost(self, at: Values, directions: Floats, weights: Values) -> float:
@@ -142,22 +142,23 @@ class Equations:
 
     parts: tuple[EliminatedEquations, ...]  # one for each group
     matrix: Floats  # (P, P): N of the groups without the prior
-    gradient: Floats  # (P,): of the groups without the prior
-    bent: Floats  # (P,): mean gradient by noise, because the sphere of directions is curved
+    gradient: Floats  # (P,): gradient of the groups without the prior
+    bias_gradient: Floats  # (P,): mean gradient from noise, because the sphere of directions is curved
     prior: NormalEquations
 
     @classmethod
     def of(cls, problem: Problem[P, G, W], iterate: Iterate[P, G, W]) -> Self:
-        """Linearise all groups."""
+        """Linearize all groups."""
         parts = tuple(
-            group.linearise(iterate.at, directions, problem.layout, iterate.weights)
+            group.linearize(iterate.at, directions, problem.layout, iterate.weights)
             for group, directions in zip(iterate.groups, iterate.directions, strict=True)
         )
         size = problem.layout.size
-        matrix, gradient, bent = np.zeros((size, size)), np.zeros(size), np.zeros(size)
+        matrix, gradient, bias_gradient = np.zeros((size, size)), np.zeros(size), np.zeros(size)
         for part in parts:
-            matrix, gradient, bent = matrix + part.matrix, gradient + part.gradient, bent + part.bent
-        return cls(parts, matrix, gradient, bent, problem.prior_equations(iterate.at))
+            matrix, gradient = matrix + part.matrix, gradient + part.gradient
+            bias_gradient = bias_gradient + part.bias_gradient
+        return cls(parts, matrix, gradient, bias_gradient, problem.prior_equations(iterate.at))
 
     @property
     def cost(self) -> float:
@@ -167,11 +168,11 @@ class Equations:
     @property
     def with_prior(self) -> NormalEquations:
         """Normal equations with the prior, without bias correction."""
-        return self.unbiased(-self.bent) + self.prior
+        return self.unbiased(-self.bias_gradient) + self.prior
 
     def unbiased(self, bias: Floats | float = 0.0) -> NormalEquations:
-        """Normal equations of the groups, minus the mean gradient by noise and another (P,) `bias`."""
-        return NormalEquations(self.matrix, self.gradient - self.bent - bias, 0.0, 0)
+        """Normal equations of the groups without the prior, with `bias_gradient` and a (P,) `bias` subtracted."""
+        return NormalEquations(self.matrix, self.gradient - self.bias_gradient - bias, 0.0, 0)
 
     def noise_factors(self, parameters: Floats) -> Floats:
         """(K,) factors of the standard deviations of each kind of residual, by a step of Fisher scoring.
@@ -188,7 +189,10 @@ class Equations:
         return factors
 
     def noise_factor(self, parameters: float) -> float:
-        """Factor of the standard deviation of the first kind of residual, by its degrees of freedom."""
+        """Factor for the standard deviation of the first kind of residual, from its squares and degrees of freedom.
+
+        `parameters` is the number of parameters that this kind of residual determines.
+        """
         squares = sum(float(part.squares[0]) for part in self.parts)
         expected = sum(float(part.expected[0]) for part in self.parts) - parameters
         return math.sqrt(squares / max(expected, 1.0))
@@ -233,7 +237,7 @@ def correct_bias(
     observed: Callable[[Iterate[P, G, W], NormalEquations], NormalEquations] | None = None,
     steps: int = MAX_CORRECTION_STEPS,
 ) -> tuple[Iterate[P, G, W], Equations]:
-    """Subtract the mean gradient by noise in Gauss–Newton steps; returns the iterate and its equations.
+    """Correct the bias from noise by Gauss–Newton steps with the mean gradient subtracted.
 
     Parameters
     ----------
@@ -247,6 +251,11 @@ def correct_bias(
         Removes spurious information from the groups' normal equations at an iterate.
     steps : int, optional
         Largest number of steps.
+
+    Returns
+    -------
+    Iterate, Equations
+        Corrected state, and its equations.
     """
     for _ in range(steps):
         equations = Equations.of(problem, iterate)

@@ -341,27 +341,27 @@ def _size(received: Samples | FeedEvent) -> int:
 
 
 def feed_kind(name: str) -> Callable[..., Feed]:
-    """Function ``opened`` that opens a feed of a kind of source that sends no lines.
+    """Function ``open_feed`` for a kind of source that sends no lines.
 
-    ``mavlink`` has a `ByteSource` and the number of a magnetometer as arguments, ``ros2`` the names of topics and a
-    unit. Raises `UsageError` if no package of `flinders.apps` reads that kind.
+    That for ``mavlink`` takes a `ByteSource` and the number of a magnetometer, that for ``ros2`` the names of topics
+    and a unit. Raises `UsageError` if no package of `flinders.apps` reads that kind.
     """
-    opened: Callable[..., Feed] = _open_function("FEEDS", name)
-    return opened
+    open_feed: Callable[..., Feed] = _open_function("FEEDS", name, "open_feed")
+    return open_feed
 
 
 def publisher_kind(name: str) -> Callable[..., Any]:
-    """Function ``opened`` that opens a publisher for a kind of feed, with the feed and a topic as arguments.
+    """Function ``open_publisher`` for a kind of feed; it takes the feed and a topic.
 
     Raises `UsageError` if no package of `flinders.apps` publishes that kind.
     """
-    return _open_function("PUBLISHERS", name)
+    return _open_function("PUBLISHERS", name, "open_publisher")
 
 
-def _open_function(table: str, name: str) -> Callable[..., Any]:
-    """The function ``opened`` of the module for a name in a table."""
+def _open_function(table: str, name: str, function: str) -> Callable[..., Any]:
+    """A function, by its name, of the module for a name in a table of `flinders.apps`."""
     module = app_modules(table).get(name)
     if module is None:
         raise UsageError(f"this installation has no {name}: install flinders again")
-    opened: Callable[..., Any] = import_module(module).opened
-    return opened
+    opener: Callable[..., Any] = getattr(import_module(module), function)
+    return opener

@@ -1,1 +1,1 @@
-"""The engine: a small C library for fits and statistics of recordings, and the modules that call it."""
+"""The engine: a C library for fits and statistics of recordings, and the Python modules that call it."""

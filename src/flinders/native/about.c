@@ -1,12 +1,12 @@
-/* A surface of a shape that is known, put where readings lie on it; and how far readings turn about their mean. */
+/* Fit of the centre of a surface of known shape, and the angle by which readings turn about their mean. */
 #include "internal.h"
 
 enum { STEPS = 12 };
 
-#define CLEARLY ((real)0.7) /* of a distance, below which another centre is better beyond doubt */
-#define RIDGE ((real)1e-4)  /* of a reading, in square radii: what no reading tells of the offset stays */
+#define MAX_DISTANCE_RATIO ((real)0.7) /* largest ratio of the other centre's distance to this one's at which the other is used */
+#define RIDGE_INFORMATION ((real)1e-4) /* information per reading, in squared radii, that is added so that undetermined parameters stay */
 
-/* Reading i of a view as a surface sees it from its centre: a unit vector, where the surface is right. */
+/* Unit vector of reading i of a view from the centre of a surface; of unit length if the surface is right. */
 static void seen_from(const fl_view *view, const fl_surface *surface, size_t row, real u[3])
 {
     real off[3];
@@ -39,7 +39,7 @@ static int put_anywhere(const fl_view *view, fl_surface *surface)
             for (int j = 0; j < 4; j++) matrix[4 * i + j] += u[i] * u[j];
         }
     }
-    for (int i = 0; i < 3; i++) matrix[5 * i] += RIDGE * (real)view->rows;
+    for (int i = 0; i < 3; i++) matrix[5 * i] += RIDGE_INFORMATION * (real)view->rows;
     return fl_solve(matrix, 4, sums) || moved_by(sums, surface);
 }
 
@@ -61,7 +61,7 @@ static real put_near(const fl_view *view, fl_surface *surface)
             }
             weights += weight, far += weight * fl_abs(off);
         }
-        for (int i = 0; i < 3; i++) matrix[4 * i] += RIDGE * (real)view->rows;
+        for (int i = 0; i < 3; i++) matrix[4 * i] += RIDGE_INFORMATION * (real)view->rows;
         if (!(weights > 0) || fl_solve(matrix, 3, sums) || moved_by(sums, surface)) return FL_HUGE;
         scale = 2 * far / weights > FL_FINEST ? 2 * far / weights : FL_FINEST;
     }
@@ -76,7 +76,7 @@ int fl_start_about(const fl_view *view, const real expected[9], fl_surface *surf
     if (fl_surface_of(expected, expected + 3, surface)) return 1;
     other = *surface;
     const real near = put_near(view, surface), far = put_anywhere(view, &other) ? FL_HUGE : put_near(view, &other);
-    if (far < CLEARLY * near) *surface = other;
+    if (far < MAX_DISTANCE_RATIO * near) *surface = other;
     return !(near < FL_HUGE || far < FL_HUGE);
 }
 

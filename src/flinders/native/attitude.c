@@ -9,7 +9,7 @@
 
 enum { AZIMUTHS = 24, TILT_STEPS = 36, BISECTIONS = 9 };
 
-#define MARGIN ((real)1.1) /* factor by which an error may be larger between the evaluated directions */
+#define INTERPOLATION_FACTOR ((real)1.1) /* largest ratio of an error between evaluated directions to that at these directions */
 
 /* Vectors of a turn, one heading a column: across the field in the horizontal plane, over its level part; and the field. */
 typedef struct {
@@ -177,7 +177,7 @@ static real worst_anywhere(const fl_surface *surface, const real covariance[81],
     for (int i = 0; i < 9; i++)
         for (int j = 0; j < 9; j++) mounting += means[i] * covariance[9 * i + j] * means[j];
     fl_direction_errors(surface, covariance, &rms, &worst);
-    return MARGIN * worst / fl_cos(dip_deg / FL_TO_DEG) + FL_TO_DEG * fl_sqrt(mounting > 0 ? mounting : 0);
+    return INTERPOLATION_FACTOR * worst / fl_cos(dip_deg / FL_TO_DEG) + FL_TO_DEG * fl_sqrt(mounting > 0 ? mounting : 0);
 }
 
 /* Whether the worst heading error at a tilt is within a limit. */

@@ -7,8 +7,8 @@
 
 enum { TERMS = FL_LAGS_OF_AXES + 9 + FL_NONLINEAR };
 
-/* The readings that are looked at, evenly spaced, with the derivatives by all terms, those of the fit in the room already or
- * not, and the distances behind these. */
+/* Readings that are used, evenly spaced, with the derivatives by all terms and their distances; those of the fit may
+ * be in the room already. */
 void fl_gather_axes(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
                     int are_there, fl_residuals *out)
 {
@@ -28,8 +28,8 @@ static int has_columns(const fl_view *view, const fl_room *room, const flinders_
     return record->is_white && !record->is_robust && !room->parts && view->rows <= FL_SOME;
 }
 
-/* Look for faults of the axes, and say how well the terms of those that are not linear are known; the record stays as it
- * is where nothing can be told of them. */
+/* Find faults of the axes, and the uncertainty of the nonlinear terms; the record is unchanged if neither can be
+ * determined. */
 void fl_axes(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, real dip_deg, int has_sigma,
              const fl_room *room, flinders_record *record)
 {

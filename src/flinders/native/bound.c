@@ -9,11 +9,11 @@
 
 enum { STEPS = 3, TURN = 8 };
 
-#define OUTSIDE ((real)0.05)       /* probability that an error exceeds its bound */
-#define BOUND_LEAST ((real)1.9599) /* over the worst 1 sigma: of one heading alone, */
-#define BOUND_MOST ((real)3.0803)  /* of the length of four independent numbers, */
-#define BOUND_START ((real)2.4)    /* and the first guess */
-#define NEGLIGIBLE ((real)0.1)     /* over the same: directions of less are outside the bound with a probability below 1e-80 */
+#define EXCESS_PROBABILITY ((real)0.05) /* probability that an error exceeds its bound */
+#define MIN_BOUND_SIGMAS ((real)1.9599) /* ratio of the bound to the worst 1 sigma: smallest, for one heading alone */
+#define MAX_BOUND_SIGMAS ((real)3.0803) /* largest, for the length of four independent normal numbers */
+#define START_BOUND_SIGMAS ((real)2.4) /* start of the iteration */
+#define NEGLIGIBLE_RATIO ((real)0.1) /* ratio to the worst 1 sigma below which a direction exceeds the bound with a probability below 1e-80 */
 
 /* Even directions in four dimensions, up to their sign: a super-Fibonacci spiral (M. Alexa, CVPR 2022). */
 static void even_directions(real directions[4][FL_AMPLITUDES])
@@ -31,9 +31,9 @@ static void even_directions(real directions[4][FL_AMPLITUDES])
  * sigma, by Newton's method: the logarithm of the probability outside is nearly linear in the square of the bound. */
 static real quantile(const real largest[FL_AMPLITUDES])
 {
-    real square = BOUND_START * BOUND_START, inverse[FL_AMPLITUDES];
+    real square = START_BOUND_SIGMAS * START_BOUND_SIGMAS, inverse[FL_AMPLITUDES];
     for (int i = 0; i < FL_AMPLITUDES; i++) {
-        const real size = largest[i] > NEGLIGIBLE ? largest[i] : NEGLIGIBLE;
+        const real size = largest[i] > NEGLIGIBLE_RATIO ? largest[i] : NEGLIGIBLE_RATIO;
         inverse[i] = (real)0.5 / (size * size);
     }
     for (int step = 0; step < STEPS; step++) {
@@ -42,9 +42,9 @@ static real quantile(const real largest[FL_AMPLITUDES])
             const real half = square * inverse[i], tail = fl_exp(-half);
             outside += tail + half * tail, slope += half * half * tail;
         }
-        square *= 1 + outside * fl_log(outside / FL_AMPLITUDES / OUTSIDE) / slope;
-        square = square < BOUND_LEAST * BOUND_LEAST ? BOUND_LEAST * BOUND_LEAST : square;
-        square = square > BOUND_MOST * BOUND_MOST ? BOUND_MOST * BOUND_MOST : square;
+        square *= 1 + outside * fl_log(outside / FL_AMPLITUDES / EXCESS_PROBABILITY) / slope;
+        square = square < MIN_BOUND_SIGMAS * MIN_BOUND_SIGMAS ? MIN_BOUND_SIGMAS * MIN_BOUND_SIGMAS : square;
+        square = square > MAX_BOUND_SIGMAS * MAX_BOUND_SIGMAS ? MAX_BOUND_SIGMAS * MAX_BOUND_SIGMAS : square;
     }
     return fl_sqrt(square);
 }

@@ -32,10 +32,10 @@ LIBRARY_FOLDER: Final = SOURCE_FOLDER / "compiled"
 """Folder of the library, in a wheel and in a checkout."""
 
 STRICT_OPTIONS: Final = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Wstrict-prototypes")
-"""Language and warnings. Only tests add ``-Werror``, so that a warning of a new compiler stops no installation."""
+"""Options for language and warnings; only tests add ``-Werror``, so that new warnings never stop an installation."""
 
 EXACT_OPTIONS: Final = ("-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math")
-"""Options for identical digits on all platforms: no fused multiply-add, vectorised roots. Never ``-ffast-math``."""
+"""Options for identical digits on all platforms: no fused multiply-add. ``-ffast-math`` would change digits."""
 
 FAST_OPTIONS: Final = ("-O3", "-fvisibility=hidden")
 
@@ -71,14 +71,14 @@ class NoCompiler(Exception):
 
 
 class Platform(NamedTuple):
-    """Target of a compilation: system and machine by their names in Python, and the target by its name in zig.
+    """Target of a compilation.
 
     Attributes
     ----------
     system : str
-        As in `sys.platform`.
+        System, as in `sys.platform`.
     machine : str
-        As in `platform.machine`, with x86_64 for AMD64.
+        Machine, as in `platform.machine`, with x86_64 for AMD64.
     zig : str
         Target of ``zig cc``; empty for this machine.
     """
@@ -199,7 +199,9 @@ def library(directory: Path | None = None, *, options: Sequence[str] = (), targe
 
 
 def compiler(target: Platform = THIS_PLATFORM) -> list[str]:
-    """Command of a C compiler: ``CC``, the first of cc, gcc and clang that works, or zig; for other platforms zig.
+    """Command of a C compiler: that in ``CC``, else the first of cc, gcc and clang that works, else zig.
+
+    For other platforms than this machine it is always zig.
 
     Raises
     ------

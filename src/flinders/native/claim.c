@@ -64,11 +64,11 @@ static real repetition_of(const flinders_record *record)
 #ifndef FLINDERS_SMALL
 enum { DEPARTURES = 8, WIDTHS = 3, PRIORS = WIDTHS * WIDTHS };
 
-#define UNCORRECTED_OFFSET ((real)0.3)
-#define UNCORRECTED_SHAPE ((real)0.1)
-#define PROBABLE ((real)0.999)
-#define FAR_OFFSET ((real)6)    /* standard deviations of an offset beyond which no other departure makes a correction probable */
-#define UNKNOWN ((real)100)     /* root of the summed variances, over the field, from which on rounding decides */
+#define UNCORRECTED_OFFSET_SIGMA ((real)0.3) /* prior 1 sigma of the offset of readings without a correction, of the radius */
+#define UNCORRECTED_SHAPE_SIGMA ((real)0.1) /* prior 1 sigma of the shape of readings without a correction, of the radius */
+#define MIN_CORRECTED_PROBABILITY ((real)0.999) /* smallest probability that readings were corrected before */
+#define MAX_OFFSET_SIGMAS ((real)6) /* largest offset of readings that were corrected before, in standard deviations */
+#define MAX_TOTAL_SIGMA ((real)100) /* root of the summed variances, over the field, from which rounding decides */
 
 static const real OFFSETS[WIDTHS] = {(real)0.005, (real)0.01, (real)0.02}, SHAPES[WIDTHS] = {(real)0.02, (real)0.05, (real)0.1};
 
@@ -107,10 +107,10 @@ static int is_near(const flinders_record *record, real size)
 {
     real sum = 0;
     for (int i = 0; i < 81; i += PARAMETERS + 1) sum += record->covariance[i];
-    if (!(sum < UNKNOWN * UNKNOWN * size * size)) return 0;
+    if (!(sum < MAX_TOTAL_SIGMA * MAX_TOTAL_SIGMA * size * size)) return 0;
     for (int axis = 0; axis < 3; axis++) {
         const real wide = OFFSETS[WIDTHS - 1] * size;
-        if (!(fl_abs(record->centre[axis]) < FAR_OFFSET * fl_sqrt(record->covariance[10 * axis] + wide * wide))) return 0;
+        if (!(fl_abs(record->centre[axis]) < MAX_OFFSET_SIGMAS * fl_sqrt(record->covariance[10 * axis] + wide * wide))) return 0;
     }
     return 1;
 }
@@ -140,7 +140,7 @@ static void departure_of(const flinders_record *record, const real covariance[81
 /* Variance of departure i under a prior: of a correction, or behind those of none. */
 static real prior_variance(int prior, int i)
 {
-    const real width = prior == PRIORS ? (i < 3 ? UNCORRECTED_OFFSET : UNCORRECTED_SHAPE)
+    const real width = prior == PRIORS ? (i < 3 ? UNCORRECTED_OFFSET_SIGMA : UNCORRECTED_SHAPE_SIGMA)
                                        : i < 3 ? OFFSETS[prior / WIDTHS] : SHAPES[prior % WIDTHS];
     return width * width;
 }
@@ -175,7 +175,7 @@ static int weigh(const departure *d, real weights[PRIORS])
         sum += weights[prior] = fl_exp(weights[prior] - without);
     }
     for (int prior = 0; prior < PRIORS; prior++) weights[prior] /= sum;
-    return sum / PRIORS > PROBABLE / (1 - PROBABLE);
+    return sum / PRIORS > MIN_CORRECTED_PROBABILITY / (1 - MIN_CORRECTED_PROBABILITY);
 }
 
 /* Mean and covariance of departures under one prior: Q (P + Q)⁻¹ d and Q (P + Q)⁻¹ P. */

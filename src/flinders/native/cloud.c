@@ -1,7 +1,7 @@
 /* Cells that readings fall into, and the directions of the sphere that they cover. */
 #include "residuals.h"
 
-enum { LOOKED_AT = 512, SECTORS = 100, APART = FL_CELLS + FL_LANES /* from one axis to the next */ };
+enum { SAMPLED_READINGS = 512, SECTORS = 100, AXIS_STRIDE = FL_CELLS + FL_LANES /* from one axis to the next */ };
 
 /* Median of a list, which is put into another order. */
 real fl_median(real *values, size_t n)
@@ -16,10 +16,10 @@ real fl_median(real *values, size_t n)
 /* The power of two nearest to a twelfth of the median distance from the middle of a cloud. */
 real fl_cell_side(const real *field, size_t rows)
 {
-    const size_t stride = rows / LOOKED_AT > 1 ? rows / LOOKED_AT : 1;
-    real distances[2 * LOOKED_AT], middle[3] = {0, 0, 0}, largest = 0;
+    const size_t stride = rows / SAMPLED_READINGS > 1 ? rows / SAMPLED_READINGS : 1;
+    real distances[2 * SAMPLED_READINGS], middle[3] = {0, 0, 0}, largest = 0;
     size_t n = 0;
-    for (size_t row = 0; row < rows && n < 2 * LOOKED_AT; row += stride, n++)
+    for (size_t row = 0; row < rows && n < 2 * SAMPLED_READINGS; row += stride, n++)
         for (int axis = 0; axis < 3; axis++) {
             const real value = fl_abs(field[3 * row + axis]);
             middle[axis] += field[3 * row + axis];
@@ -170,7 +170,7 @@ static spots spots_in(real *memory, size_t apart)
  * random. */
 static spots gather_cells(const fl_room *room)
 {
-    spots all = spots_in(room->cells + 4 * FL_TABLE, APART);
+    spots all = spots_in(room->cells + 4 * FL_TABLE, AXIS_STRIDE);
     for (size_t slot = 0; slot < room->slots; slot++) {
         const real *const cell = room->cells + 4 * slot;
         all.x[all.n] = cell[1], all.y[all.n] = cell[2], all.z[all.n] = cell[3];

@@ -6,16 +6,16 @@
  */
 #include "residuals.h"
 
-enum { FEWEST = 12,     /* readings, of which slow noise has any likelihood */
-       FEW = 50,        /* readings, of which there are autocovariances */
-       TELLING = 100 }; /* readings that tell whether their noise lasts */
+enum { MIN_NOISE_READINGS = 12,           /* smallest number of readings for a model of slow noise */
+       MIN_AUTOCOVARIANCE_READINGS = 50,  /* and for autocovariances */
+       MIN_DURATION_READINGS = 100 };     /* and to show whether white noise lasts */
 
-#define MOST_FREEDOM ((real)1.3)
-#define HIDDEN ((real)3)   /* times the variance that residuals show: what goes with the attitude, of a field smoother than is assumed */
-#define TOLD ((real)15)    /* bits of likelihood that slow noise gains over white noise, from which on it is none by chance */
-#define LARGE ((real)0.08) /* noise, of the field, from which on a step that takes residuals for small is not made */
+#define MAX_FREEDOM_FACTOR ((real)1.3)
+#define MAX_HIDDEN_VARIANCE_RATIO ((real)3) /* largest ratio of variances: part of slow noise that the fit absorbs over the part in the residuals */
+#define MIN_SLOW_GAIN_BITS ((real)15) /* bits of likelihood that slow noise gains over white noise, if it is significant */
+#define MAX_NOISE_SHARE ((real)0.08) /* largest noise, of the field, at which a step that assumes small residuals is made */
 
-/* Gather stretches of so many readings, one from `every` to the next, of one recording of which all are used. */
+/* Take stretches of n readings each, from `every` to the next, of one recording without outliers. */
 static void gather_all(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, size_t every,
                        size_t length, const fl_room *room, fl_residuals *out)
 {
@@ -56,7 +56,7 @@ static void gather_used(const fl_kernels *kernels, const fl_view *view, const fl
     kernels->columns(&some, surface, 0, columns, out->directions);
 }
 
-/* The readings that are looked at, with their Jacobian; all of them where they are not too many. */
+/* Readings that are used, with their Jacobian; all readings if they are few. */
 static void gather_stretches(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, const fl_room *room,
                              fl_residuals *out)
 {
@@ -108,7 +108,7 @@ static void scatter_of(const fl_kernels *kernels, fl_residuals *residuals, const
     record->lags = lags;
     const real independent = n * share / record->correlation_time;
     real freedom = independent / (independent - 9 > 1 ? independent - 9 : 1);
-    freedom = freedom < MOST_FREEDOM ? freedom : MOST_FREEDOM;
+    freedom = freedom < MAX_FREEDOM_FACTOR ? freedom : MAX_FREEDOM_FACTOR;
     fl_blocks_of(kernels, residuals, &blocks);
     for (int i = 0; i < 81; i++) {
         white[i] = 0;
@@ -165,12 +165,12 @@ static void move(fl_fit *fit, const real step[9])
 /* Whether residuals are so large that a step which takes them for small leads nowhere. */
 static int are_large(const fl_fit *fit)
 {
-    const real largest = LARGE * (fit->surface.shape[0] + fit->surface.shape[1] + fit->surface.shape[2]) / 3;
+    const real largest = MAX_NOISE_SHARE * (fit->surface.shape[0] + fit->surface.shape[1] + fit->surface.shape[2]) / 3;
     return fit->posterior.variance > largest * largest;
 }
 
-/* Whether slow noise is looked for and found; the fit's model of it, and what the two leave of the fit. On a level turn that of
- * the strength counts, of a road; noise of the vector is a body that sways to and fro, which a turn averages out. */
+/* Whether slow noise is searched and found, with the model of the fit and the rest of the covariance. For a level
+ * turn only noise of the strength is used, as on a road; noise of the vector is swaying, which a turn averages out. */
 static int is_slow_noise(const fl_kernels *kernels, const fl_view *view, const fl_residuals *residuals, fl_fit *fit,
                          const fl_room *room, int is_assumed, real step[9], real weighed[81], real explained[81])
 {
@@ -181,7 +181,8 @@ static int is_slow_noise(const fl_kernels *kernels, const fl_view *view, const f
     return 0;
 }
 
-/* Few readings do not tell whether their noise lasts: the estimate and its covariance are averages over what it may be. */
+/* Estimate and covariance for few readings: averages over possible durations of the noise, which these readings do
+ * not determine. */
 static void assume_slow_noise(const fl_kernels *kernels, const fl_view *view, const fl_residuals *residuals, fl_fit *fit,
                               const fl_room *room, flinders_record *record)
 {
@@ -194,15 +195,15 @@ static void assume_slow_noise(const fl_kernels *kernels, const fl_view *view, co
     if (!are_large(fit)) move(fit, step);
 }
 
-/* What correlated residuals add to the covariance of a record. Where slow noise is found, the fit is moved to
- * where that makes it most likely, unless residuals are large; what residuals scatter more than slow noise explains is
- * added. Structure over direction that is about as likely is claimed as well. */
+/* Add correlated residuals to the covariance of a record. If there is slow noise, the fit is moved to its most
+ * likely estimate, unless residuals are large; scatter that slow noise does not explain is added. A
+ * direction-dependent distortion that is about as likely is claimed as well. */
 static void add_correlation(const fl_kernels *kernels, const fl_view *view, fl_residuals *residuals, fl_fit *fit,
                             const fl_room *room, flinders_record *record)
 {
     real scatter[81], step[9], weighed[81], explained[81];
-    if (fit->used >= FEW) scatter_of(kernels, residuals, fit, 0, room, scatter, record);
-    if (fit->used < FEW || (record->is_white && fit->used < TELLING)) {
+    if (fit->used >= MIN_AUTOCOVARIANCE_READINGS) scatter_of(kernels, residuals, fit, 0, room, scatter, record);
+    if (fit->used < MIN_AUTOCOVARIANCE_READINGS || (record->is_white && fit->used < MIN_DURATION_READINGS)) {
         assume_slow_noise(kernels, view, residuals, fit, room, record);
         return;
     }
@@ -227,11 +228,11 @@ static void add_correlation(const fl_kernels *kernels, const fl_view *view, fl_r
     move(fit, step);
 }
 
-/* What the field's variation with the place adds to the covariance of a record. It goes with the attitude, so that offset and
- * soft iron take it up, where readings come from few directions, and where a disturbance of its strength is found. */
+/* Add the variation of the field with the place to the covariance of a record. It depends on the attitude, so that
+ * offset and soft iron absorb it if readings come from few directions, or if there is a disturbance of the strength. */
 static void add_variation(const fl_residuals *residuals, const fl_fit *fit, real expected, flinders_record *record)
 {
-    const real found = fit->unseen || fit->slow.gain < TOLD ? 0 : fit->slow.strength, hidden = HIDDEN * expected;
+    const real found = fit->unseen || fit->slow.gain < MIN_SLOW_GAIN_BITS ? 0 : fit->slow.strength, hidden = MAX_HIDDEN_VARIANCE_RATIO * expected;
     const real variance = hidden > found ? hidden : found;
     real scatter[81] = {0}, half[81], added[81];
     if (!(variance > 0)) return;
@@ -251,7 +252,7 @@ void fl_covariance(const fl_kernels *kernels, const fl_view *view, const flinder
     memcpy(record->covariance, fit->covariance, sizeof record->covariance);
     memset(&fit->slow, 0, sizeof fit->slow);
     record->noise_lasts = FL_NOT_A_NUMBER;
-    if (fit->used < FEWEST) return;
+    if (fit->used < MIN_NOISE_READINGS) return;
     gather_stretches(kernels, view, fit, room, &residuals);
     const real expected = fl_is_informed(options) ? 0 : fl_expected_variation(&residuals, &fit->surface, room);
     add_correlation(kernels, view, &residuals, fit, room, record);

@@ -1,15 +1,15 @@
-/* What readings say of the parameters, what noise alone adds to that, and the covariance that follows. */
+/* Information of the readings on the parameters, its spurious part from noise, and the covariance. */
 #include "internal.h"
 
-/* Readings that what noise adds is averaged over. */
+/* Numbers of readings from which spurious information is averaged. */
 #ifdef FLINDERS_SMALL
-enum { FEW = 75, MANY = 75 };
+enum { FEW_READINGS = 75, MANY_READINGS = 75 };
 #else
-enum { FEW = 200, MANY = 2000 };
+enum { FEW_READINGS = 200, MANY_READINGS = 2000 };
 #endif
 
-#define WELL_CONDITIONED ((real)0.1)        /* smallest scaled eigenvalue from which on nothing needs a closer look */
-#define NEXT_TO_NOTHING ((real)0.005)       /* share of noise below which a few readings tell it well enough */
+#define MIN_SOUND_EIGENVALUE ((real)0.1) /* smallest scaled eigenvalue at which all directions count as observable without a test */
+#define MIN_SPURIOUS_SHARE ((real)0.005) /* share of spurious information above which it is computed from more readings */
 
 /* Coefficients of vᵀδb + vᵀ δS u. */
 static void gathered(const real v[3], const real u[3], real row[9])
@@ -94,8 +94,8 @@ static real shares_of(const real *matrix, int n, real nothing, const real *noise
     return most;
 }
 
-/* Directions of parameter space in the scale in which the matrix has ones on its diagonal. A few readings tell where noise
- * adds next to nothing. */
+/* Directions of parameter space for the matrix scaled to a diagonal of ones. A few readings suffice if there is
+ * hardly any spurious information. */
 void fl_support_of(const real *matrix, int n, fl_spurious spurious, void *context, fl_support *support)
 {
     real largest = 0, noise[FL_WIDEST * FL_WIDEST];
@@ -110,17 +110,17 @@ void fl_support_of(const real *matrix, int n, fl_spurious spurious, void *contex
             support->vectors[i * n + j] = mute ? 0 : matrix[i * n + j] / (support->scale[i] * support->scale[j]);
         }
     memcpy(noise, support->vectors, sizeof noise);
-    for (int i = 0; i < n; i++) noise[i * n + i] -= WELL_CONDITIONED;
+    for (int i = 0; i < n; i++) noise[i * n + i] -= MIN_SOUND_EIGENVALUE;
     support->is_whole = !fl_cholesky(noise, n);
     if (support->is_whole) return;
     fl_eigen(support->vectors, n, support->values);
-    spurious(context, FEW, noise);
-    if (!(shares_of(matrix, n, nothing, noise, support) > NEXT_TO_NOTHING) || FEW == MANY) return;
-    spurious(context, MANY, noise);
+    spurious(context, FEW_READINGS, noise);
+    if (!(shares_of(matrix, n, nothing, noise, support) > MIN_SPURIOUS_SHARE) || FEW_READINGS == MANY_READINGS) return;
+    spurious(context, MANY_READINGS, noise);
     shares_of(matrix, n, nothing, noise, support);
 }
 
-/* How many directions readings say nothing of. */
+/* Number of directions that the readings do not determine. */
 int fl_support_unseen(const fl_support *support)
 {
     int unseen = 0;

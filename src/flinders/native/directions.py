@@ -1,4 +1,4 @@
-"""Calls of the engine about directions: coverage of the sphere, and guidance where to turn next.
+"""Calls of the engine for directions: coverage of the sphere, guidance where to turn next, and paths of turns.
 
 >>> Directions().cell_indices(np.eye(3)).tolist()
 [16, 24, 0]
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 
 
 class Directions(Library):
-    """Coverage of the sphere, guidance and paths over it."""
+    """Calls for the coverage of the sphere, for guidance, and for paths of turns."""
 
     def make_belief(self, centre: Floats, shape: Floats, covariance: Floats, noise: float, counts: Floats) -> Records:
-        """Make a row of `BELIEF`, the claim of a fit, with (100,) counts of its readings by cell of the sphere."""
+        """Make a row of `BELIEF` from the claim of a fit, and (100,) counts of its readings by cell of the sphere."""
         belief = empty_row(BELIEF)
         self._library.flinders_believe(
             contiguous(centre), symmetric_entries(shape), contiguous(covariance), noise, contiguous(counts), belief
@@ -40,24 +40,24 @@ class Directions(Library):
     def guidance(self, belief: Records, goal: Records, batch: float = 0.0) -> Records:
         """Make a row of `ADVICE`: the direction in which a batch of readings adds the most information.
 
-        `batch` is the number of readings in the batch; 0 stands for a hundredth of those so far.
+        `batch` is the number of readings in the batch; 0 stands for a hundredth of the readings so far.
         """
         advice = empty_row(ADVICE)
         self._library.flinders_guidance(belief, goal, batch, advice)
         return advice
 
     def path(self, belief: Records, goal: Records, at: Floats, readings_per_deg: float) -> Records:
-        """Make a row of `ROUTE`: the path of the field's direction from a (3,) direction on."""
+        """Make a row of `ROUTE`: the advised path of the field's direction, which begins at the (3,) direction `at`."""
         route = empty_row(ROUTE)
         self._library.flinders_path(belief, goal, contiguous(at), readings_per_deg, route)
         return route
 
     def pose_towards(self, frame: int, goal: Records, direction: Floats) -> int:
-        """Number of the simplest attitude of a frame, given by number, that puts the field near a (3,) direction."""
+        """Number of the simplest attitude, of a frame, in which a turn moves the field near a (3,) direction."""
         return int(self._library.flinders_pose_towards(frame, goal, contiguous(direction)))
 
     def pose(self, frame: int, pose: int) -> tuple[Floats, int]:
-        """(3,) down direction in an attitude of a frame, and the number of angles that are set by eye."""
+        """(3,) down direction in an attitude of a frame, and the number of angles to estimate by eye."""
         down = np.empty(3)
         return down, int(self._library.flinders_pose(frame, pose, down))
 
@@ -78,11 +78,11 @@ class Directions(Library):
         means, readings : (K, 3), (K,) float
             Mean and number of the readings in each cell of raw space.
         centre, shape : (3,), (3, 3) array-like
-            Of the ellipsoid.
+            Centre and shape of the ellipsoid.
         side : float
             Side of the cells of raw space.
         within : float
-            Distance from the ellipsoid, less the side, beyond which a cell holds outliers and is left out.
+            Largest distance of a cell from the ellipsoid, to which `side` is added; farther cells are left out.
         """
         coverage, scratch = empty_row(COVERAGE), np.empty(6 * len(means))
         self._library.flinders_coverage_of_cells(
@@ -105,7 +105,7 @@ class Directions(Library):
         return cells
 
     def signed_dip(self, readings: Floats, dip_deg: float) -> tuple[float, bool]:
-        """Dip with its sign by (100,) counts of readings in each cell, and whether both signs are possible."""
+        """Dip with its sign in the sensor's axes, by (100,) counts by cell, and whether both signs are possible."""
         is_open = np.zeros(1, np.int32)
         facing = self._library.flinders_facing(np.ascontiguousarray(readings, np.float64), dip_deg, is_open)
         return float(facing), bool(is_open[0])

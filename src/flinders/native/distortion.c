@@ -1,13 +1,13 @@
 /* A smooth distortion that belongs to the direction: what residuals of one place have in common at different times. */
 #include "residuals.h"
 
-enum { CELLS = 100, FEWEST_CELLS = 20, RATIOS = 8 };
+enum { CELLS = 100, MIN_CELLS = 20, RATIOS = 8 };
 
-#define PROVEN ((real)3)
-#define LEAST_RATIO ((real)0.0625) /* of the variances, distortion over white noise; a quarter of the next */
-#define PLAIN ((real)15)           /* bits of likelihood that a distortion has to gain over white noise */
-#define AGREEMENT ((real)0.4)      /* of different visits, over that expected of a likely distortion: less contradicts it */
-#define AS_LIKELY ((real)0.6)      /* of what slow noise gains: of 2,160 recordings of noise alone none has more than 0.51 */
+#define MIN_DISTORTION_SIGMAS ((real)3)
+#define MIN_VARIANCE_RATIO ((real)0.0625) /* ratio of variances, distortion over white noise: smallest; each of the next is four times larger */
+#define MIN_GAIN_BITS ((real)15) /* bits of likelihood that a significant distortion gains over white noise */
+#define MIN_AGREEMENT_RATIO ((real)0.4) /* smallest ratio of the agreement of different visits to that expected of a likely distortion */
+#define MIN_GAIN_RATIO ((real)0.6) /* smallest ratio of the gain to that of slow noise: of 2,160 recordings of noise alone none has more than 0.51 */
 
 /* Cells of the sphere that hold a reading. */
 typedef struct {
@@ -20,7 +20,7 @@ typedef struct {
     real *matrix;     /* (n, n) to work in */
 } sphere;
 
-/* Weigh each residual 1, and 0 where the reading is another one again: copies tell nothing of a place. */
+/* Weight 1 for each residual, and 0 for that of a repeated reading, which has no information on its place. */
 static void weigh_once(fl_residuals *residuals, const fl_room *room)
 {
     uint64_t *const keys = (uint64_t *)(void *)room->series; /* twice to four times as many as residuals */
@@ -129,7 +129,8 @@ static void centres_of_cells(const fl_residuals *residuals, real centres[CELLS][
     fl_multiply(cells[0], residuals->axes[0], CELLS, 3, 3, centres[0]);
 }
 
-/* Jacobian of each cell, and covariance of a smooth function, less what an ellipsoid fitted all around absorbs. */
+/* Jacobian of each cell, and covariance of a smooth function without the part that an ellipsoid over all directions
+ * absorbs. */
 static void fill_kernel(const fl_residuals *residuals, const fl_surface *surface, sphere *on)
 {
     real centres[CELLS][3], everywhere[CELLS][9], normal[81] = {0}, inverse[81], absorb[CELLS][9], half[CELLS][9];
@@ -226,7 +227,7 @@ static void take_off(fl_residuals *residuals, const sphere *on, real direction, 
     for (size_t i = 0; i < residuals->n; i++) residuals->distances[i] -= smooth[on->place[residuals->cells[i]]];
 }
 
-/* Σ d² of the residuals that count, and how many they are. */
+/* Σ d² and number of the residuals with a weight. */
 static real square_of(const fl_residuals *residuals, real *count)
 {
     real square = 0;
@@ -245,7 +246,7 @@ static real agreed(const fl_residuals *residuals, const fl_surface *surface, sph
         found += cross[k] / on->counts[k];
         weight += pairs[k] / (on->counts[k] * on->counts[k]);
     }
-    if (!(found > PROVEN * noise * fl_sqrt(2 * weight))) return 0;
+    if (!(found > MIN_DISTORTION_SIGMAS * noise * fl_sqrt(2 * weight))) return 0;
     fill_kernel(residuals, surface, on);
     left_over(on, variance);
     for (int k = 0; k < on->n; k++) expected += pairs[k] * variance[k] / on->counts[k];
@@ -342,7 +343,7 @@ static real gain_of(const sphere *on, real within, real freedom, real *variance)
     const real none = likelihood_of(on, 0, within, freedom, variance);
     real most = none, here;
     for (int k = 0; k < RATIOS; k++) {
-        const real one = likelihood_of(on, LEAST_RATIO * fl_pow(4, (real)k), within, freedom, &here);
+        const real one = likelihood_of(on, MIN_VARIANCE_RATIO * fl_pow(4, (real)k), within, freedom, &here);
         if (!(one > most)) break;
         most = one, *variance = here;
     }
@@ -365,7 +366,7 @@ static real of_means(const fl_residuals *residuals, const fl_surface *surface, s
         agreeing += pairs[k] * variance[k] / on->counts[k];
     }
     if (!(made > 0 && expected > 0)) return 0;
-    return found > AGREEMENT * agreeing * made / expected ? fl_sqrt(made / expected) : 0;
+    return found > MIN_AGREEMENT_RATIO * agreeing * made / expected ? fl_sqrt(made / expected) : 0;
 }
 
 /* Standard deviation of a distortion that is about as likely as slow noise, and far likelier than white noise alone;
@@ -383,7 +384,7 @@ real fl_likely_distortion(fl_residuals *residuals, const fl_surface *surface, in
     count_cells(residuals, &on);
     between_visits(residuals, &on, apart, cross, pairs);
     for (int k = 0; k < on.n; k++) found += cross[k] / on.counts[k];
-    if (on.n < FEWEST_CELLS || !(found > 0)) return 0; /* no likelihood proves what visits contradict */
+    if (on.n < MIN_CELLS || !(found > 0)) return 0; /* no likelihood proves what visits contradict */
     real within = square_of(residuals, &count);
     for (int k = 0; k < on.n; k++) {
         within -= on.counts[k] * on.means[k] * on.means[k];
@@ -391,7 +392,7 @@ real fl_likely_distortion(fl_residuals *residuals, const fl_surface *surface, in
         for (int l = 0; l <= k; l++) on.kernel[k * on.n + l] = fl_alike(on.middles[k], on.middles[l]);
     }
     const real gain = gain_of(&on, within, count - 9, &white);
-    return gain > PLAIN && gain > AS_LIKELY * slow ? of_means(residuals, surface, &on, pairs, found, white) : 0;
+    return gain > MIN_GAIN_BITS && gain > MIN_GAIN_RATIO * slow ? of_means(residuals, surface, &on, pairs, found, white) : 0;
 }
 
 /* How likely residuals are, to the base 2, where beside white noise they vary smoothly over directions, for variances of that

@@ -2,9 +2,9 @@
  * parameters, by least squares. Terms that the others explain are left out, as those across a level turn. */
 #include "residuals.h"
 
-enum { AXES = 3, WIDTH = 9 + AXES, ALL = WIDTH + 1 };
+enum { AXES = 3, WIDTH = 9 + AXES, COLUMNS = WIDTH + 1 };
 
-#define DISTINCT (100000 * FL_ROUNDING) /* part of the square of a term that the others have to leave of it */
+#define MIN_DISTINCT_SHARE (100000 * FL_ROUNDING) /* smallest share of the square of a term that the other terms do not explain */
 
 /* The readings that are not farther from the surface than a limit. */
 static fl_view inliers_of(const fl_kernels *kernels, const real *field, size_t rows, const fl_surface *surface, real limit,
@@ -43,23 +43,23 @@ static void join(const real *values, fl_residuals *some, flinders_disturbance *f
 }
 
 /* Normal equations with the square of the distances in the corner, terms scaled to length one. */
-static void equations(const fl_kernels *kernels, const fl_residuals *some, real scale[ALL], real all[ALL][ALL])
+static void equations(const fl_kernels *kernels, const fl_residuals *some, real scale[COLUMNS], real all[COLUMNS][COLUMNS])
 {
     fl_gram(kernels, some, 0, some->n, all[0]);
     scale[WIDTH] = 1;
     for (int a = 0; a < WIDTH; a++) scale[a] = all[a][a] > FL_TINY ? fl_sqrt(all[a][a]) : 1;
-    for (int a = 0; a < ALL; a++)
-        for (int b = 0; b < ALL; b++) all[a][b] /= scale[a] * scale[b];
+    for (int a = 0; a < COLUMNS; a++)
+        for (int b = 0; b < COLUMNS; b++) all[a][b] /= scale[a] * scale[b];
 }
 
 /* Cholesky factor below the diagonal, column by column, a column of zeros for a term that is not distinct; the last row
  * becomes what each further term explains, its square root, and the corner what is left. */
-static void factorise(real all[ALL][ALL])
+static void factorise(real all[COLUMNS][COLUMNS])
 {
     for (int k = 0; k < WIDTH; k++) {
-        const real root = all[k][k] > DISTINCT ? fl_sqrt(all[k][k]) : 0;
-        for (int i = k; i < ALL; i++) all[i][k] = root > 0 ? all[i][k] / root : 0;
-        for (int i = k + 1; i < ALL; i++)
+        const real root = all[k][k] > MIN_DISTINCT_SHARE ? fl_sqrt(all[k][k]) : 0;
+        for (int i = k; i < COLUMNS; i++) all[i][k] = root > 0 ? all[i][k] / root : 0;
+        for (int i = k + 1; i < COLUMNS; i++)
             for (int j = k + 1; j <= i; j++) all[i][j] -= all[i][k] * all[j][k];
     }
 }
@@ -72,7 +72,7 @@ int flinders_regress(const real *field, const real *values, size_t rows, const r
     fl_room room;
     fl_surface surface;
     fl_residuals some;
-    real scale[ALL], all[ALL][ALL], solution[WIDTH];
+    real scale[COLUMNS], all[COLUMNS][COLUMNS], solution[WIDTH];
     memset(found, 0, sizeof *found);
     if (rows == 0) return FLINDERS_TOO_FEW;
     if (fl_room_of(workspace, size, rows, &room)) return FLINDERS_NO_WORKSPACE;

@@ -5,11 +5,11 @@
  */
 #include "residuals.h"
 
-enum { PARAMETERS = 13, FEWEST_INDEPENDENT = 20, CHANGES = 4 };
+enum { PARAMETERS = 13, MIN_INDEPENDENT = 20, CHANGES = 4 };
 
-#define LEAST_SHARE ((real)0.1) /* part of a change in an unobserved direction, from which on it is not told */
+#define MIN_OBSERVED_SHARE ((real)0.1) /* smallest part of a change in the observed directions at which the change is known */
 
-/* What is needed to say what noise alone adds to the information. */
+/* Context for the spurious information. */
 typedef struct {
     const fl_surface *surface;
     const fl_residuals *residuals;
@@ -30,7 +30,7 @@ static real time_of(const fl_residuals *residuals, size_t i)
     return residuals->n > 1 ? (real)i / (real)(residuals->n - 1) - (real)0.5 : 0;
 }
 
-/* What noise alone adds to the information, for each unit of its variance, from so many of the readings. */
+/* Spurious information for a noise variance of 1, from some of the readings. */
 static void spurious(void *context, size_t most, real *matrix)
 {
     const scattered *from = context;
@@ -71,7 +71,7 @@ static void inverse_of(const fl_support *support, const real *information, real 
         }
 }
 
-/* Projection (4, 4) of changes on those that no unobserved direction takes part in; zero if none is left. */
+/* Projection (4, 4) of changes on the observed directions; zero if none is left. */
 static int observed_changes(const fl_support *support, real onto[CHANGES * CHANGES])
 {
     real part[CHANGES * CHANGES] = {0}, squares[CHANGES];
@@ -85,7 +85,7 @@ static int observed_changes(const fl_support *support, real onto[CHANGES * CHANG
         }
     fl_eigen(part, CHANGES, squares);
     for (int k = 0; k < CHANGES; k++) {
-        if (!(squares[k] > LEAST_SHARE * LEAST_SHARE)) continue;
+        if (!(squares[k] > MIN_OBSERVED_SHARE * MIN_OBSERVED_SHARE)) continue;
         taken++;
         for (int a = 0; a < CHANGES; a++)
             for (int b = 0; b < CHANGES; b++) onto[CHANGES * a + b] -= part[CHANGES * a + k] * part[CHANGES * b + k];
@@ -95,7 +95,7 @@ static int observed_changes(const fl_support *support, real onto[CHANGES * CHANG
     return CHANGES - taken;
 }
 
-/* A change of four from a solution of thirteen, and its covariance from that of all. */
+/* Change (4,) from a solution (13,), and its covariance from that of all parameters. */
 static void project(const real onto[CHANGES * CHANGES], const real solution[PARAMETERS], const real *covariance,
                     real change[CHANGES], real spread[CHANGES * CHANGES])
 {
@@ -111,7 +111,7 @@ static void project(const real onto[CHANGES * CHANGES], const real solution[PARA
         }
 }
 
-/* Look for a steady change; the record stays as it is where nothing can be told of one. */
+/* Find a steady change; the record is unchanged if none can be determined. */
 void fl_drift(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, real dip_deg,
               const fl_room *room, flinders_record *record)
 {
@@ -144,7 +144,7 @@ void fl_drift(const fl_kernels *kernels, const fl_view *view, const fl_surface *
     fl_multiply(inverse, gradient, PARAMETERS, PARAMETERS, 1, solution);
     kernels->take_off(left.columns, left.n, PARAMETERS, solution, left.distances, left.distances);
     const real independent = fl_covariance_of_solution(kernels, &left, matrix, inverse, covariance);
-    if (!(independent >= FEWEST_INDEPENDENT)) return;
+    if (!(independent >= MIN_INDEPENDENT)) return;
     project(onto, solution, covariance, change, spread);
     const int freedom = fl_chi_square(change, spread, CHANGES, &square);
     record->drift_by_chance = fl_chance_of(square, (real)freedom, independent);

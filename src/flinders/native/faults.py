@@ -52,7 +52,7 @@ class Faults(Library):
         Parameters
         ----------
         first, second : ((3,) float, (3, 3) float, (9, 9) float, float)
-            Centre, shape, claimed covariance, and the strength of the field, 0 if not known.
+            Each calibration: centre, shape, claimed covariance, and strength of the field, 0 if not known.
         dip_deg : float
             Inclination of the field.
         """
@@ -83,9 +83,9 @@ class Faults(Library):
         field : (N, 3) array-like
             Readings in the order of recording.
         centre, shape : (3,), (3, 3) array-like
-            Of the ellipsoid.
+            Centre and shape of the ellipsoid.
         dip_deg : float
-            Inclination of the field, -89 to 89.
+            Inclination of the field, −89 to 89.
         """
         readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
         record, (workspace, size) = empty_row(RECORD), self._workspace(len(readings))
@@ -113,7 +113,7 @@ class Faults(Library):
         values : (N,) array-like
             Values of the disturbance, NaN if not known.
         centre, shape : (3,), (3, 3) array-like
-            Of the ellipsoid.
+            Centre and shape of the ellipsoid.
         limit : float
             Distance from the ellipsoid beyond which readings are left out.
         """
@@ -142,12 +142,16 @@ class Faults(Library):
     def min_run_readings(self, far: NDArray[np.bool_], rows: int) -> int:
         """Smallest number of far readings in a window that make a run of outliers.
 
-        `far` tells which of N readings are far from the ellipsoid, `rows` is the length of the recording.
+        `far` is (N,), whether each reading is far from the ellipsoid; `rows` is the number of readings in the
+        recording.
         """
         return int(self._library.flinders_dense(np.ascontiguousarray(far), len(far), rows, np.empty(len(far), bool)))
 
     def mark_outliers(self, far: NDArray[np.bool_], dense: int) -> NDArray[np.bool_]:
-        """(N,) outliers from (N,) `far`: far readings, and all readings in or near a run of `dense` far ones."""
+        """(N,) whether each reading is an outlier: far readings, and all readings in or near a run of far readings.
+
+        `far` is (N,), whether each reading is far from the ellipsoid; `dense` far readings in a window make a run.
+        """
         left_out = np.empty(len(far), dtype=bool)
         self._library.flinders_left_out(np.ascontiguousarray(far), len(far), dense, left_out)
         return left_out
@@ -231,10 +235,10 @@ class Faults(Library):
         return turned
 
     def levelness(self, acceleration: Floats) -> int:
-        """Value 0, 1 or 2 of the option ``level`` of a fit, by (N, 3) accelerations during a turn about z."""
+        """Option ``level`` for a fit of a turn about z, by its (N, 3) accelerations: 0 no, 2 yes, 1 if not known."""
         felt = np.ascontiguousarray(acceleration, np.float64)
         return int(self._library.flinders_levelness(felt, len(felt)))
 
     def is_level(self, covariance: ArrayLike, noise: float, within: float) -> bool:
-        """Whether readings with a (3, 3) covariance are in a plane perpendicular to z, within a multiple of `noise`."""
+        """Whether readings with a (3, 3) covariance are in a plane perpendicular to z, to `within` times the noise."""
         return bool(self._library.flinders_is_level(symmetric_entries(covariance), noise, within))

@@ -2,12 +2,12 @@
 #include "record.h"
 #include "sums.h"
 
-enum { FEW_STEPS = 2, MORE_STEPS = 8 }; /* steps before a search for outliers, which cause many; for flat readings */
-#define THICK ((real)0.1) /* smallest ratio of variances of readings that are not flat */
+enum { FEW_STEPS = 2, FLAT_STEPS = 8 }; /* steps before a search for outliers, which cause many; for flat readings */
+#define MAX_FLAT_VARIANCE_RATIO ((real)0.1) /* largest ratio of the smallest to the largest variance of nearly flat readings */
 
 /* Largest ratio of the noise of a majority without a load to that of all readings. Of 1,200 simulated recordings of a minute
  * or of 12 s with slow noise and no load, 14 are below it (tests/estimators/test_switched_load.py). */
-#define QUIETER ((real)0.75)
+#define MAX_NOISE_RATIO ((real)0.75)
 
 /* Fill options with their defaults. */
 void flinders_default_options(flinders_options *options)
@@ -158,7 +158,7 @@ static int fit_majority(const fl_kernels *kernels, fl_view *view, const flinders
     fl_fit other, *const most = &other;
 #endif
     const int status = fl_robust(kernels, view, options, start, room, most, majority);
-    if (status == FLINDERS_OK && (options->robust == 2 || asks != FL_SUSPECTS || most->noise <= QUIETER * noise)) {
+    if (status == FLINDERS_OK && (options->robust == 2 || asks != FL_SUSPECTS || most->noise <= MAX_NOISE_RATIO * noise)) {
         *fit = *most;
         return FLINDERS_OK;
     }
@@ -196,7 +196,7 @@ int fl_fit_majority(const fl_kernels *kernels, fl_view *view, const flinders_opt
 int fl_fit_from(const fl_kernels *kernels, fl_view *view, const flinders_options *options, const fl_surface *start,
                 const fl_surface *start_of_majority, const fl_room *room, fl_fit *fit, flinders_record *record)
 {
-    const int few = record->principal_variances[0] > THICK * record->principal_variances[2] ? FEW_STEPS : MORE_STEPS;
+    const int few = record->principal_variances[0] > MAX_FLAT_VARIANCE_RATIO * record->principal_variances[2] ? FEW_STEPS : FLAT_STEPS;
     fl_majority majority = {.few = few, .beyond = record->rejected_beyond, .dense = record->dense,
                             .is_robust = record->is_robust, .rejected = record->rejected};
     memcpy(majority.centre, record->majority_centre, sizeof majority.centre);

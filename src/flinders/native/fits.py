@@ -38,19 +38,19 @@ class Fits(Library):
         time : (N,) array-like, s, optional
             Time of each reading.
         ends : (P,) array-like of int, optional
-            Row after the end of each of P joined recordings; statistics of the order do not cross these ends.
+            Row after the end of each of P joined recordings; statistics of consecutive readings do not cross these.
         **options
             Fields of ``flinders_options``: prior, dip_deg, robust, kernels, statistics, rests, level, bias_correction.
         """
-        return self._fitted(self._library.flinders_fit_parts, field, time, ends, options)
+        return self._call_fit(self._library.flinders_fit_parts, field, time, ends, options)
 
     def fit_level(
         self, field: ArrayLike, *, time: ArrayLike | None = None, ends: ArrayLike | None = None, **options: float
     ) -> Records:
         """Fit the ellipse of a level turn to x and y of one recording; parameters and record are as in `fit`."""
-        return self._fitted(self._library.flinders_fit_level, field, time, ends, options)
+        return self._call_fit(self._library.flinders_fit_level, field, time, ends, options)
 
-    def _fitted(
+    def _call_fit(
         self,
         function: Callable[..., int],
         field: ArrayLike,
@@ -58,7 +58,7 @@ class Fits(Library):
         ends: ArrayLike | None,
         options: dict[str, float],
     ) -> Records:
-        """Call a function of the library that fits one recording, and return its record."""
+        """Fit one recording by a function of the library, and return the record."""
         readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
         times = None if time is None else np.ascontiguousarray(time, dtype=np.float64)
         parts = None if ends is None else np.ascontiguousarray(ends, dtype=np.int64)
@@ -79,7 +79,10 @@ class Fits(Library):
     def fit_many(
         self, field: ArrayLike, offsets: ArrayLike, *, time: ArrayLike | None = None, **options: float
     ) -> Records:
-        """Fit R concatenated recordings: (R,) records; (R + 1,) `offsets` are their first rows and the last end."""
+        """Fit R concatenated recordings: (R,) records.
+
+        `offsets` are (R + 1,): the first row of each recording, and the number of all rows.
+        """
         readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
         bounds = np.ascontiguousarray(offsets, dtype=np.int64)
         lengths = np.diff(bounds)
@@ -103,9 +106,9 @@ class Fits(Library):
         return records
 
     def rests(self, field: ArrayLike, *, ends: ArrayLike | None = None) -> tuple[NDArray[np.int64], bool]:
-        """(R, 2) first row and row after the last of each rest, an interval of constant direction.
+        """Find rests, intervals of constant direction: (R, 2) first row of each rest, and row after its last.
 
-        And whether a fit leaves rests out; otherwise each rest is one reading in the fit.
+        The second result is whether a fit leaves rests out; otherwise each rest is one reading in the fit.
 
         Parameters
         ----------
@@ -170,11 +173,11 @@ class Fits(Library):
         Parameters
         ----------
         centre, shape : (3,), (3, 3) array-like
-            Of the earlier calibration.
+            Centre and shape of the earlier calibration.
         covariance : (9, 9) float, optional
-            Of the earlier centre and shape; None if not stated.
+            Covariance of the earlier centre and shape; None if not stated.
         distortion : float
-            Field ``distortion`` of the earlier record.
+            Member ``distortion`` of the earlier record.
         strength_ratio : float
             Strength of the field relative to that of the earlier recording.
         soft_iron_sigma : float
@@ -186,13 +189,13 @@ class Fits(Library):
         return earlier
 
     def allow_change(self, earlier: Records) -> Records:
-        """Copy of a row of `EARLIER` that allows a change of the soft iron by 5 %, 1 σ."""
+        """Copy of a row of `EARLIER` with a prior that allows a change of the soft iron by 5 %, 1 σ."""
         freer = earlier.copy()
         self._library.flinders_allow_change(freer)
         return freer
 
     def soft_iron_p_value(self, earlier: Records, shape: ArrayLike, textbook: Floats, covariance: Floats) -> float:
-        """Probability that a fit contradicts the earlier soft iron as much by chance.
+        """p-value of the change of the soft iron since an earlier calibration.
 
         Parameters
         ----------
@@ -201,7 +204,7 @@ class Fits(Library):
         shape : (3, 3) array-like
             Result of a fit with `allow_change`.
         textbook, covariance : (9, 9) float
-            Covariance of that fit for independent residuals, and for the residuals as they are.
+            Covariance of that fit for independent residuals, and as claimed.
         """
         return float(
             self._library.flinders_soft_iron_p_value(
@@ -212,7 +215,7 @@ class Fits(Library):
     def refresh(
         self, field: ArrayLike, earlier: Records, *, time: ArrayLike | None = None, **options: float
     ) -> Records:
-        """Renew an earlier calibration: the record of a fit with the earlier shape, which may have changed.
+        """Renew an earlier calibration: the record of a fit whose prior is the earlier shape.
 
         Parameters
         ----------
@@ -233,7 +236,7 @@ class Fits(Library):
         return record
 
     def turn_deg(self, field: ArrayLike, shape: ArrayLike) -> float:
-        """Largest angle in degrees between (N, 3) readings and their mean direction, by a known (3, 3) shape."""
+        """Largest angle in degrees of (N, 3) readings from their mean direction, by a known (3, 3) shape."""
         readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
         return float(self._library.flinders_turn_deg(readings, len(readings), symmetric_entries(shape)))
 
@@ -257,9 +260,9 @@ class Fits(Library):
         return sums
 
     def solve(self, sums: ArrayLike, *, origin: ArrayLike = (0.0, 0.0, 0.0), unit: float = 1.0) -> Records:
-        """Fit an ellipsoid to (35,) sums by the consistent method: the record.
+        """Fit an ellipsoid to (35,) sums by the consistent method; returns the record.
 
-        The sums are those of readings about `origin`, divided by `unit`.
+        The sums are those of readings minus `origin`, divided by `unit`.
         """
         record, row = empty_row(RECORD), empty_row(SUMS)
         row["sums"], row["origin"], row["scale"] = sums, origin, unit
@@ -280,7 +283,7 @@ class Fits(Library):
         self._library.flinders_vertical_add(readings, felt, len(readings), record, vertical)
 
     def fit_plane(self, field: Floats, centre: Floats, noise: float) -> Records:
-        """Make a row of `HEIGHTS`: the plane of (N, 3) readings of a level turn about a (2,) centre."""
+        """Make a row of `HEIGHTS`: the plane of (N, 3) readings of a level turn, at a (2,) centre in x and y."""
         readings, heights, (workspace, size) = contiguous(field), empty_row(HEIGHTS), self._workspace(len(field))
         middle = contiguous(centre)
         self._require(self._library.flinders_plane_of(readings, len(field), middle, noise, workspace, size, heights))

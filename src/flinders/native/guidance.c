@@ -3,12 +3,12 @@
 
 enum { CELLS = 100 };
 
-#define HOPELESS_DEG ((real)90) /* a largest error from which on nothing is known of some direction */
-#define USELESS ((real)0.999)   /* of the largest error: what no single direction makes smaller */
-#define BATCH_SHARE ((real)0.01)  /* of the readings so far: what each of a hundred cells holds where all are alike */
-#define FULL_DIGITS ((real)1e-12) /* of the largest variance: smaller ones are those of parameters that a method holds */
-#define STEEPEST_DEG 89
-#define EFFORT_DEG ((real)2) /* how much farther an attitude may miss the direction for each angle to judge by eye */
+#define MAX_KNOWN_ERROR_DEG ((real)90) /* error above which nothing is known of some direction */
+#define MAX_USEFUL_RATIO ((real)0.999) /* largest ratio of the largest error after a batch to that before, if the batch helps */
+#define BATCH_SHARE ((real)0.01)  /* readings of a batch over those so far, as in each of a hundred cells if all are equal */
+#define MIN_FREE_VARIANCE_RATIO ((real)1e-12) /* ratio to the largest variance below which a method fixes a parameter */
+#define MAX_DIP_DEG 89
+#define EFFORT_DEG ((real)2) /* larger distance from the direction that is accepted to avoid one angle to estimate by eye */
 
 /* What points down in each attitude, as squares with their signs, up to a factor, and the angles to judge by eye. */
 static const signed char VEHICLE_POSES[FLINDERS_VEHICLE_POSES][4] = {
@@ -48,15 +48,15 @@ void flinders_default_goal(flinders_goal *goal)
     *goal = defaults;
 }
 
-/* Variance of a reading with which readings counted give the covariance that is claimed: the median of the eigenvalues of
- * M P, M = Σ jjᵀ, over what is not held. Where readings are independent all are the noise's variance. */
+/* Variance of a reading with which the counted readings give the claimed covariance: the median eigenvalue of M P, M
+ * = Σ jjᵀ, without fixed parameters. For independent readings all eigenvalues are the variance of the noise. */
 static real reading_variance(const fl_surface *surface, const real covariance[81], real noise, const real counts[CELLS])
 {
     real vectors[81], values[9], gram[81] = {0}, centres[CELLS][3], root[9];
     int free = 0;
     memcpy(vectors, covariance, sizeof vectors);
     fl_eigen(vectors, 9, values);
-    for (int k = 0; k < 9; k++) free += values[k] > FULL_DIGITS * values[8];
+    for (int k = 0; k < 9; k++) free += values[k] > MIN_FREE_VARIANCE_RATIO * values[8];
     fl_sphere_centres(centres);
     for (int cell = 0; cell < CELLS && free; cell++) {
         real jacobian[9];
@@ -75,7 +75,7 @@ static real reading_variance(const fl_surface *surface, const real covariance[81
     return median > noise * noise ? median : noise * noise;
 }
 
-/* Take what a fit claims. */
+/* Take the claim of a fit. */
 void flinders_believe(const real centre[3], const real shape[6], const real covariance[81], real noise,
                       const real counts[CELLS], flinders_belief *belief)
 {
@@ -89,8 +89,8 @@ void flinders_believe(const real centre[3], const real shape[6], const real cova
     for (int cell = 0; cell < CELLS; cell++) belief->readings += counts[cell];
 }
 
-/* Fill in what a goal wants known: the heading of a level vehicle, or the field in each of some directions. Nonzero where the
- * dip of a level vehicle, or what is down, is none. */
+/* Fill in the predictions of a goal: the heading of a level vehicle, or the field in some directions. Nonzero for an
+ * invalid dip or down direction. */
 int fl_wanted_of(const fl_surface *surface, const flinders_goal *goal, const real (*directions)[3], int count,
                  fl_wanted *wanted)
 {
@@ -106,14 +106,14 @@ int fl_wanted_of(const fl_surface *surface, const flinders_goal *goal, const rea
         return FLINDERS_OK;
     }
     const real square = goal->down[0] * goal->down[0] + goal->down[1] * goal->down[1] + goal->down[2] * goal->down[2];
-    if (!(fl_abs(goal->dip_deg) <= STEEPEST_DEG) || !(square > 0) || !isfinite(square)) return FLINDERS_BAD_OPTION;
+    if (!(fl_abs(goal->dip_deg) <= MAX_DIP_DEG) || !(square > 0) || !isfinite(square)) return FLINDERS_BAD_OPTION;
     fl_upright(goal->down, turn);
     fl_level_rows_about(surface, goal->dip_deg, turn, wanted->rows[0][0], FL_WANTED);
     wanted->count = FL_HEADINGS, wanted->parts = 1;
     return FLINDERS_OK;
 }
 
-/* Variances of what is wanted. */
+/* Variances of the predictions. */
 void fl_wanted_variances(const fl_wanted *wanted, const real covariance[81], real variances[FL_WANTED])
 {
     real half[FL_WANTED];
@@ -191,7 +191,7 @@ static void choose(const fl_surface *surface, const real covariance[81], const f
         advice->worst_deg = most > FL_TINY ? FL_TO_DEG * fl_sqrt(most) : 0;
     }
 #ifndef FLINDERS_SMALL /* a board has no room for what is that far from a calibration */
-    if (advice->worst_deg > HOPELESS_DEG && advice->after_deg > USELESS * advice->worst_deg)
+    if (advice->worst_deg > MAX_KNOWN_ERROR_DEG && advice->after_deg > MAX_USEFUL_RATIO * advice->worst_deg)
         least_foreseen(surface, covariance, advice->direction);
 #endif
 }

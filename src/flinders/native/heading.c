@@ -3,8 +3,8 @@
 
 enum { DIRECTIONS = 400 };
 
-#define UPRIGHT ((real)0.55)       /* of a level vehicle's mean height of directions: from there on it is told from it */
-#define LEANING_LEAST ((real)0.1)  /* mean height of a recording that leans; and three standard errors of random ones */
+#define MIN_HEIGHT_RATIO ((real)0.55) /* smallest ratio to a level vehicle's mean height of directions that determines the sign of the dip */
+#define MIN_LEANING_HEIGHT ((real)0.1) /* smallest mean height of directions of a leaning recording; at least three standard errors of random ones */
 
 /* Coefficients of vᵀδb + vᵀ δS u. */
 static void gathered(const real v[3], const real u[3], real row[9])
@@ -186,7 +186,7 @@ int flinders_direction_errors(const real shape[6], const real covariance[81], co
 static real shown(real upright, real coverage, real dip_deg)
 {
     const real cells = fl_floor(100 * coverage + (real)0.5), by_chance = fl_sqrt(3 / (cells > 1 ? cells : 1));
-    const real least = by_chance > LEANING_LEAST ? by_chance : LEANING_LEAST;
+    const real least = by_chance > MIN_LEANING_HEIGHT ? by_chance : MIN_LEANING_HEIGHT;
     const int is_against = (upright * dip_deg < 0) || (dip_deg == 0 && upright < 0);
     return is_against && fl_abs(upright) > least ? -dip_deg : dip_deg;
 }
@@ -197,7 +197,7 @@ real fl_facing(real upright, real coverage, real dip_deg, int32_t *is_open)
 {
     const real facing = shown(upright, coverage, dip_deg);
     const int leans = facing != dip_deg || shown(upright, coverage, -dip_deg) == dip_deg;
-    *is_open = leans && !(fl_abs(upright) >= UPRIGHT * fl_abs(fl_sin(dip_deg / FL_TO_DEG)));
+    *is_open = leans && !(fl_abs(upright) >= MIN_HEIGHT_RATIO * fl_abs(fl_sin(dip_deg / FL_TO_DEG)));
     return facing;
 }
 

@@ -2,24 +2,24 @@
  * assumptions of a verdict. */
 #include "judge.h"
 
-enum { NONE = FLINDERS_NOTHING };
+enum { NO_SEVERITY = FLINDERS_NOTHING };
 
-#define EARTH_WEAKEST ((real)22) /* microtesla */
-#define EARTH_STRONGEST ((real)67)
-#define INDEPENDENT_NEEDED ((real)15) /* claims of 15 readings at rest are as wrong as true ones (`benchmarks.claims`); */
-#define CORRELATED_NEEDED ((real)20)  /* how many independent ones correlated readings are worth is itself known roughly */
-#define BEYOND_HALVES ((real)0.5) /* of the target: a drift that is allowed where halves differ by more than they claim */
-#define BEYOND_CLAIM ((real)3)
-#define CHANGED_SHARE ((real)0.25) /* of the target: from there on a change matters */
-#define ALTERNATING ((real)-0.25)  /* correlation of a residual with the next that neither noise nor slow change has */
-#define UNSTEADY ((real)1.25)      /* of the target, heading error of a moment that a field may make: by noise, */
-#define SWITCHING ((real)0.8)      /* and by what comes and goes at once */
-#define STEPS_KURTOSIS ((real)7)   /* of 1,200 recordings with slow noise none has it; switched loads have 7 to 34 */
-#define SAME_STRENGTH ((real)0.03) /* of the strength that is known of the place: within it readings have it */
-#define FEW_SECONDS ((real)10)     /* of a recording, that show one state of the body */
-#define BY_CHANCE ((real)1e-4)     /* below it axes count as not linear, or late */
-#define ALIKE ((real)0.5)          /* of what one fault of axes costs: another that is likelier and costs as much is the cause */
-#define SWAP_CORRELATION ((real)0.05) /* of a residual with the next, below which no axes were swapped */
+#define MIN_EARTH_FIELD_UT ((real)22) /* microtesla */
+#define MAX_EARTH_FIELD_UT ((real)67) /* microtesla */
+#define MIN_READINGS ((real)15) /* claims of 15 readings at rest are as wrong as true ones (`benchmarks.claims`) */
+#define MIN_CORRELATED_READINGS ((real)20) /* the number of equivalent independent readings is only known roughly */
+#define DRIFT_TARGET_SHARE ((real)0.5) /* largest drift over the target, if halves of the recording differ by more than they claim */
+#define MIN_DIFFERENCE_SIGMAS ((real)3) /* smallest significant difference of halves or recordings, in standard deviations */
+#define MIN_CHANGE_TARGET_SHARE ((real)0.25) /* smallest change that matters, over the target */
+#define MAX_ALTERNATION ((real)-0.25) /* correlation of a residual with the next that neither noise nor slow changes have */
+#define MAX_UNSTEADY_TARGET_SHARE ((real)1.25) /* largest momentary heading error from an unsteady field, over the target: from noise, */
+#define MAX_SWITCHING_TARGET_SHARE ((real)0.8) /* and from loads that are switched */
+#define MIN_SWITCHING_KURTOSIS ((real)7) /* of 1,200 recordings with slow noise none has it; switched loads have 7 to 34 */
+#define MAX_STRENGTH_DIFFERENCE ((real)0.03) /* largest relative difference of readings from the known strength of the place */
+#define MIN_DURATION_S ((real)10) /* shortest recording that shows more than one state of the body */
+#define MAX_P_VALUE ((real)1e-4) /* largest p-value of proven nonlinear or late axes */
+#define MIN_COST_RATIO ((real)0.5) /* smallest ratio of the heading errors of two faults of axes at which the likelier one is the cause of the other */
+#define MIN_SWAP_CORRELATION ((real)0.05) /* smallest correlation of a residual with the next if axes were swapped */
 
 static real larger(real a, real b) { return a > b ? a : b; }
 static real smaller(real a, real b) { return a < b ? a : b; }
@@ -35,7 +35,7 @@ static real absent(void) { return -(real)INFINITY; }
 static real count_of(int64_t count) { return where(count >= 0, (real)count); }
 
 /* A fault of axes that is proven. */
-static int is_proven(real deg, real by_chance) { return by_chance < BY_CHANCE && !isnan(deg); }
+static int is_proven(real deg, real by_chance) { return by_chance < MAX_P_VALUE && !isnan(deg); }
 
 /* Strength of the level field, unit. */
 static real level_of(const flinders_record *record) { return record->radius * fl_cos(record->dip_deg / FL_TO_DEG); }
@@ -43,8 +43,8 @@ static real level_of(const flinders_record *record) { return record->radius * fl
 /* Direction-dependent error; for a ring of directions, the fit absorbs nearly all of it. */
 static real distortion_of(const flinders_record *record) { return record->plane ? 0 : or_zero(record->distortion); }
 
-/* Heading error from what belongs to the direction: as much across the field as the distortion is along it, or a proven
- * fault of axes, and what their linearization leaves. */
+/* Heading error that depends on the direction: the distortion along the field, taken as large across it; or a proven
+ * fault of axes, and the rest after linearization. */
 static real structure_of(const flinders_record *record)
 {
     real whole = larger(FL_TO_DEG * distortion_of(record) / level_of(record), 0);
@@ -74,8 +74,8 @@ static void expect(const flinders_record *record, flinders_judgement *out)
     flinders_with_structure(record->shape, record->covariance, structure, record->dip_deg, out->covariance);
 }
 
-/* Directions without readings leave nothing open that is not said elsewhere: of a level turn once, of an attitude, which
- * gives three equations a reading, by the covariance and the share of the prior. */
+/* Directions that the readings do not determine, if they are not reported elsewhere: for a level turn once; for an
+ * attitude, which gives three equations per reading, by the covariance and the share of the prior. */
 static int is_determined(const flinders_record *record)
 {
 #ifdef FLINDERS_SMALL /* a board has neither */
@@ -114,7 +114,7 @@ static void of_accuracy(const flinders_record *record, const flinders_request *r
 }
 
 #ifndef FLINDERS_SMALL
-/* What readings that were corrected before give without the calibration, and how far a level turn may be tilted. */
+/* Improvement of readings that were corrected before, and tilt limit of a level turn. */
 static void of_attitude(const fl_surface *surface, const flinders_record *record, const flinders_request *request,
                         const flinders_judgement *out, real *q)
 {
@@ -145,7 +145,7 @@ static void of_evidence(const flinders_record *record, real *q)
     q[FLINDERS_Q_UNOBSERVED] = record->plane ? 0 : (real)record->unobserved;
     q[FLINDERS_Q_PRIOR_SHARE] = where(!record->plane && !record->unobserved, record->prior_influence);
     q[FLINDERS_Q_INDEPENDENT] = where(all > 0, independent);
-    q[FLINDERS_Q_INDEPENDENT_NEEDED] = independent < all ? CORRELATED_NEEDED : INDEPENDENT_NEEDED;
+    q[FLINDERS_Q_INDEPENDENT_NEEDED] = independent < all ? MIN_CORRELATED_READINGS : MIN_READINGS;
     q[FLINDERS_Q_INDEPENDENT_SHARE] = independent / larger(all, 1);
     q[FLINDERS_Q_NOISE_SHARE] = record->noise / record->radius;
     q[FLINDERS_Q_OUTLIER_SHARE] = (real)record->rejected / larger((real)record->fitted, 1);
@@ -165,9 +165,9 @@ static void of_residuals(const flinders_record *record, const flinders_request *
     q[FLINDERS_Q_UNLIKE_CORRELATION] = unlike;
     q[FLINDERS_Q_UNSTEADY_DEG] = FL_TO_DEG * record->noise * fl_sqrt(unlike) / level;
     q[FLINDERS_Q_UNSTEADY_LIMIT_DEG] =
-        request->target_deg * (record->steps_kurtosis > STEPS_KURTOSIS ? SWITCHING : UNSTEADY);
+        request->target_deg * (record->steps_kurtosis > MIN_SWITCHING_KURTOSIS ? MAX_SWITCHING_TARGET_SHARE : MAX_UNSTEADY_TARGET_SHARE);
     q[FLINDERS_Q_NEXT_CORRELATION] = next;
-    q[FLINDERS_Q_ALTERNATING_LIMIT] = smaller(ALTERNATING, -4 / fl_sqrt(larger((real)record->used, 1)));
+    q[FLINDERS_Q_ALTERNATING_LIMIT] = smaller(MAX_ALTERNATION, -4 / fl_sqrt(larger((real)record->used, 1)));
     q[FLINDERS_Q_ALTERNATING_DEG] = FL_TO_DEG * fl_atan2(off, level);
 }
 
@@ -177,8 +177,8 @@ static void named_faults(const flinders_record *record, int *bent, int *late)
     *bent = is_proven(record->nonlinear_deg, record->nonlinear_by_chance);
     *late = is_proven(record->lag_deg, record->lag_by_chance);
     if (!*bent || !*late) return;
-    if (record->lag_by_chance < record->nonlinear_by_chance) *bent = record->lag_deg < ALIKE * record->nonlinear_deg;
-    else *late = record->nonlinear_deg < ALIKE * record->lag_deg;
+    if (record->lag_by_chance < record->nonlinear_by_chance) *bent = record->lag_deg < MIN_COST_RATIO * record->nonlinear_deg;
+    else *late = record->nonlinear_deg < MIN_COST_RATIO * record->lag_deg;
 }
 
 /* The largest terms of an axis, a fraction of the field. */
@@ -190,7 +190,7 @@ static real bent_share(const flinders_record *record)
     return most;
 }
 
-/* What belongs to the direction: axes that are proven not to be linear or to be late, or else whatever it is. */
+/* Direction-dependent errors: nonlinear or late axes if proven, else of unknown cause. */
 static void of_structure(const flinders_record *record, const flinders_judgement *out, real *q)
 {
     int bent, late;
@@ -205,13 +205,13 @@ static void of_structure(const flinders_record *record, const flinders_judgement
     q[FLINDERS_Q_LINEARIZED_SHARE] = record->linearized_share;
 }
 
-/* Changes: within a recording, between recordings, and with other recorded quantities. */
+/* Changes within a recording, between recordings, and with other recorded quantities. */
 static void of_changes(const flinders_record *record, const flinders_request *request, real *q)
 {
     const real *const moved = record->drift_offset;
-    const real apart = larger(CHANGED_SHARE * request->target_deg, BEYOND_CLAIM * record->apart_sigma_deg);
+    const real apart = larger(MIN_CHANGE_TARGET_SHARE * request->target_deg, MIN_DIFFERENCE_SIGMAS * record->apart_sigma_deg);
     q[FLINDERS_Q_DRIFT_DEG] = record->drift_deg;
-    q[FLINDERS_Q_DRIFT_ALLOWED_DEG] = request->target_deg * (or_zero(record->halves_apart) < BEYOND_CLAIM ? 1 : BEYOND_HALVES);
+    q[FLINDERS_Q_DRIFT_ALLOWED_DEG] = request->target_deg * (or_zero(record->halves_apart) < MIN_DIFFERENCE_SIGMAS ? 1 : DRIFT_TARGET_SHARE);
     q[FLINDERS_Q_DRIFT_BY_CHANCE] = record->drift_by_chance;
     q[FLINDERS_Q_DRIFT] = fl_sqrt(moved[0] * moved[0] + moved[1] * moved[1] + moved[2] * moved[2]);
     q[FLINDERS_Q_SWAP_GAIN] = record->swap_gain;
@@ -233,9 +233,9 @@ static int asks_of(const flinders_record *record, const flinders_request *reques
     for (int i = 0; i < 6; i++) swaps |= record->swaps[i] > 0;
     const flinders_rule *const changed = fl_rules + FLINDERS_RULE_FIELD_CHANGED;
     const real by_chance = fl_comparisons[changed->first + changed->grades].factor;
-    const int is_change = record->drift_by_chance < by_chance && record->drift_deg > CHANGED_SHARE * request->target_deg &&
+    const int is_change = record->drift_by_chance < by_chance && record->drift_deg > MIN_CHANGE_TARGET_SHARE * request->target_deg &&
                           record->drift_deg <= request->target_deg;
-    const int may_be_swapped = !record->is_white && (record->unobserved || record->lag_one >= SWAP_CORRELATION);
+    const int may_be_swapped = !record->is_white && (record->unobserved || record->lag_one >= MIN_SWAP_CORRELATION);
     return (is_change ? FLINDERS_ASKS_HALVES : 0) |
            (swaps && (record->is_robust || may_be_swapped) ? FLINDERS_ASKS_SWAP : 0);
 }
@@ -254,11 +254,11 @@ static void of_site(const flinders_record *record, real *q)
 /* Quantities of the calibration alone. */
 static void of_calibration(const flinders_record *record, const flinders_request *request, real *q)
 {
-    const real radius = record->radius, nearest = smaller(larger(radius, EARTH_WEAKEST), EARTH_STRONGEST);
+    const real radius = record->radius, nearest = smaller(larger(radius, MIN_EARTH_FIELD_UT), MAX_EARTH_FIELD_UT);
     const int is_relative = !request->is_strength_known;
     q[FLINDERS_Q_RADIUS] = radius;
     q[FLINDERS_Q_NEAREST_EARTH] = nearest;
-    q[FLINDERS_Q_WEAKEST] = EARTH_WEAKEST, q[FLINDERS_Q_STRONGEST] = EARTH_STRONGEST;
+    q[FLINDERS_Q_WEAKEST] = MIN_EARTH_FIELD_UT, q[FLINDERS_Q_STRONGEST] = MAX_EARTH_FIELD_UT;
     q[FLINDERS_Q_TIMES_OUTSIDE_EARTH] =
         where(request->is_microtesla && is_relative, larger(radius / nearest, nearest / radius));
     q[FLINDERS_Q_HANDEDNESS] = request->is_mirrored ? -1 : 1;
@@ -310,10 +310,10 @@ static int holds(const flinders_comparison *it, const real *q)
 static uint8_t severity_of(const flinders_rule *rule, const real *q)
 {
     const flinders_comparison *const grades = fl_comparisons + rule->first, *const needs = grades + rule->grades;
-    uint8_t severity = NONE;
+    uint8_t severity = NO_SEVERITY;
     for (int i = 0; i < rule->grades && holds(grades + i, q); i++) severity = grades[i].severity;
     for (int i = 0; i < rule->needs; i++)
-        if (!holds(needs + i, q)) return NONE;
+        if (!holds(needs + i, q)) return NO_SEVERITY;
     return severity;
 }
 
@@ -335,7 +335,7 @@ int flinders_is_checked(int rule, const real *quantities)
 /* Apply a rule of the catalogue. */
 int flinders_severity(int rule, const real *quantities)
 {
-    return rule >= 0 && rule < FL_RULES ? severity_of(fl_rules + rule, quantities) : NONE;
+    return rule >= 0 && rule < FL_RULES ? severity_of(fl_rules + rule, quantities) : NO_SEVERITY;
 }
 
 /* Apply the rules of a fit. Consequences of an undetermined surface are not findings. */
@@ -345,7 +345,7 @@ static void apply(flinders_judgement *out)
     const uint8_t flat = severity_of(fl_rules + FLINDERS_RULE_ONE_PLANE, out->quantities);
     for (int i = 0; i < FLINDERS_RULES_OF_A_FIT; i++) {
         const int is_supported = !flat || i == FLINDERS_RULE_ONE_PLANE || i >= own;
-        out->severities[i] = is_supported ? severity_of(fl_rules + i, out->quantities) : NONE;
+        out->severities[i] = is_supported ? severity_of(fl_rules + i, out->quantities) : NO_SEVERITY;
     }
 }
 
@@ -357,7 +357,7 @@ static void follow(const fl_cause *cause, const uint8_t *is_first, flinders_judg
         const uint8_t code = cause->consequences[i];
         if (!out->shown[code] || is_first[code]) continue;
         worst = out->severities[code] > worst ? out->severities[code] : worst;
-        out->shown[code] = NONE, out->causes[code] = (uint8_t)(cause->code + 1);
+        out->shown[code] = NO_SEVERITY, out->causes[code] = (uint8_t)(cause->code + 1);
     }
     out->shown[cause->code] = worst;
 }
@@ -367,7 +367,7 @@ void flinders_causes(flinders_judgement *out)
 {
     uint8_t first[FLINDERS_CAUSES], is_first[FLINDERS_RULES_OF_A_FIT] = {0};
     int causes = 0, place = 0;
-    out->verdict = NONE;
+    out->verdict = NO_SEVERITY;
     memset(out->causes, 0, sizeof out->causes);
     memcpy(out->shown, out->severities, sizeof out->shown);
     for (int i = 0; i < FLINDERS_CAUSES; i++) {
@@ -378,7 +378,7 @@ void flinders_causes(flinders_judgement *out)
         is_first[cause->code] = 1, first[causes++] = cause->code, out->causes[cause->code] = (uint8_t)(cause->code + 1);
         follow(cause, is_first, out);
     }
-    for (uint8_t severity = FLINDERS_REFUSES; severity > NONE; severity--) {
+    for (uint8_t severity = FLINDERS_REFUSES; severity > NO_SEVERITY; severity--) {
         for (int i = 0; i < causes; i++)
             if (out->shown[first[i]] == severity) out->order[place++] = first[i];
         for (uint8_t i = 0; i < FLINDERS_RULES_OF_A_FIT; i++)
@@ -398,12 +398,12 @@ static int conditions_of(const flinders_record *record, const flinders_request *
     const int agrees = !isnan(record->apart_deg) && !out->severities[FLINDERS_RULE_RECORDINGS_DIFFER];
     const real times = record->radius / request->field_strength;
     const int is_absolute = request->is_microtesla && request->is_strength_known;
-    const int matches = is_absolute && fl_abs(times - 1) < SAME_STRENGTH;
+    const int matches = is_absolute && fl_abs(times - 1) < MAX_STRENGTH_DIFFERENCE;
     const int is_uniform = agrees || matches || record->sources & FLINDERS_AIDED_BY_FIELD;
 #ifdef FLINDERS_SMALL /* of a board there are no times */
     const int is_short = 0;
 #else
-    const int is_short = record->end - record->start < FEW_SECONDS && !agrees;
+    const int is_short = record->end - record->start < MIN_DURATION_S && !agrees;
 #endif
     const int is_constant = is_short || record->sources & FLINDERS_COMPENSATED;
     if (out->verdict >= FLINDERS_REFUSES) return 0;
@@ -412,7 +412,7 @@ static int conditions_of(const flinders_record *record, const flinders_request *
            (is_constant ? 0 : FLINDERS_IF_CONSTANT_IRON);
 }
 
-/* Fill a judgement in which nothing is known. */
+/* Fill a judgement with unknown values. */
 static void clear(flinders_judgement *out)
 {
     memset(out, 0, sizeof *out);

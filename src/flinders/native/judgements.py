@@ -31,7 +31,10 @@ class Judgements(Library):
         self._library.flinders_claim(record, request)
 
     def widening_by_few(self, freedom: float) -> float:
-        """Factor of a covariance for few readings; `freedom` is the number of different readings minus parameters."""
+        """Factor by which a covariance is widened for few readings.
+
+        `freedom` is the number of different readings minus that of parameters.
+        """
         return float(self._library.flinders_widening_by_few(freedom))
 
     def judge(self, record: Records, request: Records) -> Records:
@@ -50,7 +53,10 @@ class Judgements(Library):
         return judgements
 
     def severity(self, rule: int, quantities: Floats) -> int:
-        """Severity of a finding, 0 to 3, by (Q,) quantities; `rule` is the number of its rule in the catalogue."""
+        """Severity of a finding, 0 to 3, by the (Q,) quantities of a judgement.
+
+        `rule` is the number of the finding's rule in the catalogue.
+        """
         return int(self._library.flinders_severity(rule, quantities))
 
     def causes(self, severities: ArrayLike) -> Records:
@@ -117,7 +123,10 @@ class Judgements(Library):
     def level_turn(
         self, centre: ArrayLike, shape: ArrayLike, covariance: Floats, *, dip_deg: float, down: Floats | None
     ) -> tuple[Floats, Floats, Floats]:
-        """Errors over a level turn in degrees: (72,) headings, deviations of raw and 1 σ of corrected readings."""
+        """Heading errors over a level turn in degrees, for a plot.
+
+        Returns (72,) headings, (72,) deviations of raw readings, and (72,) 1 σ of corrected readings.
+        """
         turn = np.empty((3, 72))
         arguments = (
             contiguous(centre),
@@ -130,7 +139,7 @@ class Judgements(Library):
         return turn[0], turn[1], turn[2]
 
     def attitude_errors(self, shape: ArrayLike, covariance: Floats, directions: Floats, *, dip_deg: float) -> Floats:
-        """(K,) heading errors in degrees, 1 σ, at the worst attitude that puts the field along (K, 3) directions."""
+        """(K,) heading errors in degrees, 1 σ, at the worst attitude with the field along each of (K, 3) directions."""
         towards, errors = contiguous(directions), np.empty(len(directions))
         self._library.flinders_attitude_errors(
             symmetric_entries(shape), contiguous(covariance), dip_deg, towards, len(directions), errors
@@ -140,7 +149,7 @@ class Judgements(Library):
     def matrix_sigmas(self, matrix: ArrayLike, shape: ArrayLike, covariance: Floats, *, is_known: bool) -> Floats:
         """(3, 3) standard deviations of the entries of a calibration's matrix.
 
-        `is_known` tells whether its field strength is known.
+        `is_known` states whether the field strength of the calibration is known.
         """
         sigmas, arguments = (
             np.empty((3, 3)),
@@ -150,7 +159,7 @@ class Judgements(Library):
         return sigmas
 
     def add_structure(self, shape: ArrayLike, covariance: Floats, *, structure_deg: float, dip_deg: float) -> Floats:
-        """(9, 9) covariance plus that of residuals by direction, whose heading error is `structure_deg`."""
+        """(9, 9) covariance plus that of direction-dependent errors, which cause the heading error `structure_deg`."""
         out, covariance = np.empty((9, 9)), np.ascontiguousarray(covariance)
         self._library.flinders_with_structure(symmetric_entries(shape), covariance, structure_deg, dip_deg, out)
         return out
@@ -163,7 +172,7 @@ class Judgements(Library):
         return row
 
     def direction_errors(self, shape: ArrayLike, covariance: Floats, directions: Floats) -> Floats:
-        """(K,) direction errors of the corrected field in degrees, 1 σ, for a field along (K, 3) directions."""
+        """(K,) errors of the corrected field's direction in degrees, 1 σ, for a field along (K, 3) directions."""
         towards, errors = contiguous(directions), np.empty(len(directions))
         self._library.flinders_direction_errors(
             symmetric_entries(shape), contiguous(covariance), towards, len(directions), errors

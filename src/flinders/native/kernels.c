@@ -101,7 +101,7 @@ static size_t powers(const fl_view *view, const real origin[3], real unit, real 
 }
 
 /* The Jacobian at the foot point on the surface, Sampson distance, and the direction of the foot point, of one block. */
-static void linearised(const real block[3][FL_BLOCK], const fl_surface *surface, real rows[13][FL_BLOCK])
+static void linearized(const real block[3][FL_BLOCK], const fl_surface *surface, real rows[13][FL_BLOCK])
 {
     const real xx = surface->inverse[0], yy = surface->inverse[1], zz = surface->inverse[2];
     const real xy = surface->inverse[3], xz = surface->inverse[4], yz = surface->inverse[5];
@@ -173,7 +173,7 @@ static size_t products(const fl_view *view, const fl_surface *surface, int exact
     size_t count = 0, m;
     cursor at = {0, 0};
     while ((m = gather(view, &at, block)) > 0) {
-        (exact ? differentiated : linearised)((const real(*)[FL_BLOCK])block, surface, rows);
+        (exact ? differentiated : linearized)((const real(*)[FL_BLOCK])block, surface, rows);
         if (m < FL_BLOCK) clear_rest(rows[0], 10, m);
         add_products((const real(*)[FL_BLOCK])rows, lanes);
         count += m;
@@ -182,7 +182,7 @@ static size_t products(const fl_view *view, const fl_surface *surface, int exact
     return count;
 }
 
-/* Σ J ½∇²s on the surface below each reading: times σ², what noise adds to the gradient on average. */
+/* Σ J ½∇²s on the surface at each reading, the mean gradient from noise over σ². */
 static void curvature(const fl_view *view, const fl_surface *surface, real gradient[9])
 {
     const real xx = surface->inverse[0], yy = surface->inverse[1], zz = surface->inverse[2];
@@ -237,8 +237,8 @@ static inline void turned(const real a[6], const real n[3], const real u[3], rea
     rows[8][i] = vy * u[2] + vz * u[1] + n[1] * wz + n[2] * wy;
 }
 
-/* Lower triangle of what noise alone adds to Σ J Jᵀ, for each unit of its variance; returns the readings. Tangents as in
- * T. Duff et al., JCGT 6 (2017). */
+/* Lower triangle of the spurious part of Σ J Jᵀ for a noise variance of 1; returns the number of readings. Tangents
+ * as in T. Duff et al., JCGT 6 (2017). */
 static size_t spurious(const fl_view *view, const fl_surface *surface, real sums[45])
 {
     const real *const a = surface->inverse;
@@ -341,7 +341,7 @@ static size_t columns(const fl_view *view, const fl_surface *surface, size_t beg
     size_t m, end = begin;
     cursor at = {0, 0};
     for (; (m = gather(view, &at, block)) > 0; end += m) {
-        linearised((const real(*)[FL_BLOCK])block, surface, rows);
+        linearized((const real(*)[FL_BLOCK])block, surface, rows);
         for (int row = 0; row < 10; row++) memcpy(out[row] + end, rows[row], m * sizeof(real));
         for (int axis = 0; axis < 3; axis++)
             memcpy(directions + axis * FL_LOOKED + end, rows[10 + axis], m * sizeof(real));
@@ -380,7 +380,7 @@ static void take_off(real *const *columns_of, size_t n, int width, const real *s
     }
 }
 
-/* Products of so many columns, a symmetric matrix, over n readings from a place on. */
+/* Products of n columns, a symmetric matrix, over readings from a row on. */
 static void gram(real *const *columns_of, size_t begin, size_t n, int count, real *matrix)
 {
     real lanes[FL_COLUMNS * (FL_COLUMNS + 1) / 2][FL_LANES], rest[FL_COLUMNS][FL_BLOCK];
@@ -501,8 +501,8 @@ static void cells(const real *x, const real *y, const real *z, size_t n, uint32_
 
 /* Eight models of noise side by side: variance and state of the disturbance, and the innovations of a few rows. Inner
  * loops go over the models and no further, else compilers shuffle numbers. */
-enum { FEW = 6, FACTORS = sizeof(real) == sizeof(double) ? 5 * FEW : FEW, /* of a product that stays a number */
-       HALF = (FL_LANES + 1) / 2 };
+enum { LANE_COLUMNS = 6, FACTORS = sizeof(real) == sizeof(double) ? 5 * LANE_COLUMNS : LANE_COLUMNS, /* of a product that stays a number */
+       HALF_LANES = (FL_LANES + 1) / 2 };
 typedef real lanes[FL_LANES];
 typedef struct {
     lanes variance, decay, p[6]; /* p of xx, yy, zz, xy, xz, yz */
@@ -512,9 +512,9 @@ typedef struct {
 /* How much of a disturbance is left after a time: half of the models have one memory, half another. */
 static inline void let_decay(filters *at, real time, const real memory[2])
 {
-    for (int half = 0; half * HALF < FL_LANES; half++) {
+    for (int half = 0; half * HALF_LANES < FL_LANES; half++) {
         const real x = time / memory[half], decay = 1 / (1 + x * (1 + x / 2)); /* exp(-x), a little above it */
-        for (int lane = 0; lane < HALF; lane++) at->decay[half * HALF + lane] = decay;
+        for (int lane = 0; lane < HALF_LANES; lane++) at->decay[half * HALF_LANES + lane] = decay;
     }
 }
 
@@ -579,7 +579,7 @@ static inline void follow_strength(real value, const filters *at, real *restrict
 }
 
 /* Add the products of the innovations of one column of a few rows with those of some others. */
-static inline void add_column(lanes *weighed, lanes (*others)[FEW], int count, size_t rows, lanes *restrict sums)
+static inline void add_column(lanes *weighed, lanes (*others)[LANE_COLUMNS], int count, size_t rows, lanes *restrict sums)
 {
     for (int b = 0; b < count; b++)
         for (size_t row = 0; row < rows; row++)
@@ -587,10 +587,10 @@ static inline void add_column(lanes *weighed, lanes (*others)[FEW], int count, s
 }
 
 /* Add the products of all pairs of innovations of a few rows over their variances. */
-static inline void add_rows_of(lanes (*innovation)[FEW], lanes *weight, size_t rows, lanes *restrict sums)
+static inline void add_rows_of(lanes (*innovation)[LANE_COLUMNS], lanes *weight, size_t rows, lanes *restrict sums)
 {
     for (int a = 0; a < 10; sums += 10 - a, a++) {
-        lanes weighed[FEW];
+        lanes weighed[LANE_COLUMNS];
         for (size_t row = 0; row < rows; row++)
             for (int lane = 0; lane < FL_LANES; lane++)
                 weighed[row][lane] = innovation[a][row][lane] * weight[row][lane];
@@ -599,9 +599,9 @@ static inline void add_rows_of(lanes (*innovation)[FEW], lanes *weight, size_t r
 }
 
 /* The same; with as many rows as most have, known to the compiler. */
-static void add_innovations(lanes (*innovation)[FEW], lanes *weight, size_t rows, lanes *sums)
+static void add_innovations(lanes (*innovation)[LANE_COLUMNS], lanes *weight, size_t rows, lanes *sums)
 {
-    if (rows == FEW) add_rows_of(innovation, weight, FEW, sums);
+    if (rows == LANE_COLUMNS) add_rows_of(innovation, weight, LANE_COLUMNS, sums);
     else add_rows_of(innovation, weight, rows, sums);
 }
 
@@ -612,7 +612,7 @@ static void filter(const fl_series *series, int is_vector, const real variance[F
                    real log_determinant[FL_LANES], real sums[55][FL_LANES])
 {
     filters at;
-    lanes state[10][3] = {{{0}}}, weight[FEW], innovation[10][FEW];
+    lanes state[10][3] = {{{0}}}, weight[LANE_COLUMNS], innovation[10][LANE_COLUMNS];
     memset(&at, 0, sizeof at);
     memset(sums, 0, 55 * FL_LANES * sizeof(real));
     for (int lane = 0; lane < FL_LANES; lane++) {
@@ -621,7 +621,7 @@ static void filter(const fl_series *series, int is_vector, const real variance[F
     }
     for (size_t k = 0; k < series->n; k++) {
         const real *const row = series->rows + 10 * k;
-        const size_t of = k % FEW;
+        const size_t of = k % LANE_COLUMNS;
         let_decay(&at, series->steps[k], memory);
         if (is_vector) {
             weigh_vector(&at, row, series->counts[k], weight[of]);
@@ -630,7 +630,7 @@ static void filter(const fl_series *series, int is_vector, const real variance[F
             weigh_strength(&at, series->counts[k], weight[of]);
             for (int i = 0; i < 10; i++) follow_strength(row[i], &at, state[i][0], innovation[i][of]);
         }
-        if (of + 1 < FEW && k + 1 < series->n) continue;
+        if (of + 1 < LANE_COLUMNS && k + 1 < series->n) continue;
         add_innovations(innovation, weight, of + 1, sums);
         if ((k + 1) % FACTORS && k + 1 < series->n) continue;
         for (int lane = 0; lane < FL_LANES; lane++)
@@ -681,7 +681,7 @@ static void keys(const real *field, size_t n, size_t stride, real side, uint64_t
     }
 }
 
-/* How far the path is from straight behind each of n readings: what two lead to, less what the next two come from. */
+/* Deviation of the path from a straight line after each of n readings, by two readings before and two after. */
 static void breaks(const real *field, size_t n, real *out)
 {
     real apart[3 * FL_BLOCK];
@@ -718,17 +718,17 @@ static real steps(const real *field, size_t n, real *out)
     return largest;
 }
 
-enum { EIGHT = 24 }; /* numbers of eight readings */
+enum { EIGHT_READINGS = 24 }; /* numbers of eight readings */
 
 /* Smallest and largest reading of each axis; nonzero if one is not finite. */
 static int ends(const real *field, size_t rows, real lowest[3], real highest[3])
 {
-    real low[EIGHT], high[EIGHT], nothing[EIGHT] = {0}; /* times zero, what is not finite is not a number */
+    real low[EIGHT_READINGS], high[EIGHT_READINGS], nothing[EIGHT_READINGS] = {0}; /* times zero, what is not finite is not a number */
     size_t i = 0;
     int is_broken = 0;
-    for (int lane = 0; lane < EIGHT; lane++) low[lane] = high[lane] = field[lane % 3];
-    for (; i + EIGHT <= 3 * rows; i += EIGHT)
-        for (int lane = 0; lane < EIGHT; lane++) {
+    for (int lane = 0; lane < EIGHT_READINGS; lane++) low[lane] = high[lane] = field[lane % 3];
+    for (; i + EIGHT_READINGS <= 3 * rows; i += EIGHT_READINGS)
+        for (int lane = 0; lane < EIGHT_READINGS; lane++) {
             const real value = field[i + lane];
             low[lane] = value < low[lane] ? value : low[lane];
             high[lane] = value > high[lane] ? value : high[lane];
@@ -739,7 +739,7 @@ static int ends(const real *field, size_t rows, real lowest[3], real highest[3])
         high[lane] = field[i] > high[lane] ? field[i] : high[lane];
         nothing[lane] += field[i] * 0;
     }
-    for (int lane = 0; lane < EIGHT; lane++) {
+    for (int lane = 0; lane < EIGHT_READINGS; lane++) {
         const int axis = lane % 3;
         if (lane < 3 || low[lane] < lowest[axis]) lowest[axis] = low[lane];
         if (lane < 3 || high[lane] > highest[axis]) highest[axis] = high[lane];
@@ -751,21 +751,21 @@ static int ends(const real *field, size_t rows, real lowest[3], real highest[3])
 /* How many readings, eight by eight, are at no end of an axis and have no value of the one before them. */
 static size_t ordinary(const real *field, size_t rows, const real lowest[3], const real highest[3])
 {
-    real low[EIGHT], high[EIGHT];
+    real low[EIGHT_READINGS], high[EIGHT_READINGS];
     size_t row = 0, eights = 1;
-    for (int lane = 0; lane < EIGHT; lane++) low[lane] = lowest[lane % 3], high[lane] = highest[lane % 3];
+    for (int lane = 0; lane < EIGHT_READINGS; lane++) low[lane] = lowest[lane % 3], high[lane] = highest[lane % 3];
     while (row + 8 <= rows && eights > 0) {
-        real products_of[EIGHT], least = 1; /* a product is zero where one of its factors is */
+        real products_of[EIGHT_READINGS], least = 1; /* a product is zero where one of its factors is */
         while (row + 8 * eights > rows) eights /= 2;
-        for (int lane = 0; lane < EIGHT; lane++) products_of[lane] = 1;
+        for (int lane = 0; lane < EIGHT_READINGS; lane++) products_of[lane] = 1;
         for (size_t eight = 0; eight < eights; eight++) {
             const real *at = field + 3 * (row + 8 * eight), *before = at - 3;
-            for (int lane = 0; lane < EIGHT; lane++) {
+            for (int lane = 0; lane < EIGHT_READINGS; lane++) {
                 const real off = fl_abs((at[lane] - low[lane]) * (high[lane] - at[lane]) * (at[lane] - before[lane]));
                 products_of[lane] = off < products_of[lane] ? off : products_of[lane];
             }
         }
-        for (int lane = 0; lane < EIGHT; lane++) least = products_of[lane] < least ? products_of[lane] : least;
+        for (int lane = 0; lane < EIGHT_READINGS; lane++) least = products_of[lane] < least ? products_of[lane] : least;
         if (least > 0) row += 8 * eights, eights *= eights < 8 ? 2 : 1;
         else eights /= 2; /* where among them? */
     }

@@ -10,19 +10,19 @@
 #include "online.h"
 
 #define HOUR_S ((real)3600)
-#define SHAPE_WALK ((real)2e-4)    /* of the radius, by which an entry of the shape walks in an hour */
-#define HELD ((real)1e-4)          /* of the radius, of what readings say nothing of */
-#define REMEMBERED ((real)0.9)     /* of what blocks said of the walk, from one to the next */
+#define SHAPE_WALK_SIGMA ((real)2e-4) /* 1 sigma of an entry of the shape by its random walk of one hour, of the radius */
+#define FIXED_SIGMA ((real)1e-4) /* 1 sigma of parameters that readings do not determine, of the radius */
+#define MEMORY_EXPONENT ((real)0.9) /* share of the evidence on the walk that is kept from one block to the next */
 #define DAY_S ((real)86400)
-#define UNSEEN_S ((real)60)        /* without readings, in which the offset may move and nobody sees it */
-#define MOVES_BEFORE ((real)0.5)   /* moves a day before any was counted */
-#define MOVES_DAY ((real)1)        /* days that this counts for */
-#define MOVED ((real)0.1)          /* size of a move beforehand, of the radius, root mean square */
-#define TINY_SHARE ((real)1e-12)
-#define BETWEEN_RATES ((real)0.2)  /* of a rate's logarithm, 1 sigma, that seven rates leave open */
+#define MAX_WATCHED_GAP_S ((real)60) /* longest gap without readings in which a move of the offset would be noticed */
+#define PRIOR_MOVES_PER_DAY ((real)0.5) /* prior rate of moves */
+#define PRIOR_MOVES_DAYS ((real)1) /* weight of that rate, in days */
+#define PRIOR_MOVE_SIZE ((real)0.1) /* prior rms size of a move, of the radius */
+#define MIN_FREE_SHARE ((real)1e-12)
+#define RATE_SPACING_SIGMA ((real)0.2) /* 1 sigma of a rate's logarithm from the spacing of the seven rates */
 #define RATE_FREEDOM ((real)3)     /* of Student's distribution of a rate that is known: it may be quite another one */
 
-/* Rates of the offset's walk, of the radius per root hour, and how probable each is beforehand. */
+/* Rates of the offset's random walk, of the radius per root hour, and their prior probabilities. */
 static const real RATE[FL_RATES] = {(real)0.0003, (real)0.0006, (real)0.0012, (real)0.0025, (real)0.005, (real)0.01, (real)0.02};
 const real fl_probable_rates[FL_RATES] = {(real)0.05, (real)0.1, (real)0.2, (real)0.25, (real)0.2, (real)0.15, (real)0.05};
 
@@ -37,13 +37,13 @@ real fl_walk_variance(const flinders_online *online)
     return sum;
 }
 
-/* Whether the readings of a level vehicle say nothing of a parameter. */
+/* Whether the readings of a level vehicle do not determine a parameter. */
 static int is_across(int parameter) { return parameter == 2 || parameter == 5 || parameter > 6; }
 
-/* Of a level vehicle, hold what its readings say nothing of. */
+/* Fix the parameters that the readings of a level vehicle do not determine. */
 static void hold(const flinders_online *online, const real parameters[9], real covariance[81])
 {
-    const real held = HELD * fl_mean_radius(parameters);
+    const real held = FIXED_SIGMA * fl_mean_radius(parameters);
     if (!online->is_level) return;
     for (int i = 0; i < FL_PARAMETERS; i++)
         for (int j = 0; j < FL_PARAMETERS; j++)
@@ -72,7 +72,7 @@ void fl_condition_on_height(const flinders_online *online, const real parameters
 void fl_age(const flinders_online *online, const real parameters[9], real seconds, real covariance[81])
 {
     const real radius = fl_mean_radius(parameters), hours = seconds > 0 ? seconds / HOUR_S : 0;
-    const real offset = fl_walk_variance(online) * radius * radius * hours, shape = SHAPE_WALK * SHAPE_WALK * radius * radius * hours;
+    const real offset = fl_walk_variance(online) * radius * radius * hours, shape = SHAPE_WALK_SIGMA * SHAPE_WALK_SIGMA * radius * radius * hours;
     for (int i = 0; i < FL_PARAMETERS; i++) covariance[10 * i] += i < 3 ? offset : i < 6 ? shape : shape / 2;
     hold(online, parameters, covariance);
 }
@@ -93,15 +93,16 @@ static void allow_offset(const flinders_online *online, const real parameters[9]
     hold(online, parameters, covariance);
 }
 
-/* What evidence makes of what is known. */
+/* Update the parameters by evidence. */
 typedef struct {
     real parameters[9], covariance[81];
     real noise, used;      /* unit, readings */
     real information[81];  /* of what was known before */
 } found;
 
-/* Let readings say less by a factor in variance: with the prior Π and what they say, J = P⁻¹ − Π, the covariance is
- * P' = (Π + J/f)⁻¹, and the step from the prior's mean P' P⁻¹ / f of what it was. */
+/* Reduce the information of readings by a factor in variance: with the prior Π and the information of readings J =
+ * P⁻¹ − Π, the covariance is P' = (Π + J/f)⁻¹, and the step from the prior's mean is P' P⁻¹ / f times the step
+ * before. */
 FL_APART static void weaken(const real expected[9], real factor, found *out)
 {
     real inverse[81], covariance[81], step[9], force[9], moved[9];
@@ -164,8 +165,9 @@ static int fit_evidence(const fl_view *evidence, const real *time, real dip_deg,
 }
 #endif
 
-/* Fit evidence from one reading on with what is known, where groups scatter so much more than they claim. Noise is no smaller
- * than it was when the sensor was calibrated. The covariance of what is known may be the place of its inverse. */
+/* Fit evidence from a reading on, with the calibration as prior; the scatter of groups multiplies their claimed
+ * variance. Noise is at least that at the time of the calibration. The covariance may be stored in place of its
+ * inverse. */
 static int fit(const flinders_online *online, size_t first, const real expected[9], const real covariance[81],
                real scatter, const fl_lent *memory, found *out)
 {
@@ -201,7 +203,7 @@ FL_APART int fl_offset_alone(const flinders_online *online, size_t first, const 
     return 0;
 }
 
-/* How often chance makes a difference d of a covariance that is a sum of two, and of groups that scatter so much more. */
+/* p-value of a difference d whose covariance is a sum of two, with the scatter of groups. */
 real fl_chance_of_offsets(const real d[3], const real one[9], const real other[9], real scatter, real *ratio)
 {
     real sum[9], square;
@@ -237,8 +239,8 @@ FL_APART void fl_learn(flinders_online *online, const fl_lent *memory)
     online->latest_at = last;
 }
 
-/* Keep the share of what a block leaves open that is the place's: of a direction in which the covariance is e times what
- * it was before, the block alone leaves e / (1 − e). */
+/* Keep the share of a block's variance that depends on the place: in a direction in which the covariance is e times
+ * that before, the block alone has e / (1 − e). */
 void fl_keep_open(const real before[81], real same, real covariance[81])
 {
     real values[FL_PARAMETERS], vectors[81], turned[81], half[81], shares[FL_PARAMETERS];
@@ -255,7 +257,7 @@ void fl_keep_open(const real before[81], real same, real covariance[81])
     fl_multiply(before, vectors, FL_PARAMETERS, FL_PARAMETERS, k, half);
     fl_multiply(half, turned, FL_PARAMETERS, k, k, vectors); /* in columns: covariance = Σ share v vᵀ */
     for (int l = 0; l < k; l++) {
-        const real left = shares[l] < 1 - TINY_SHARE ? same * shares[l] / (1 - shares[l]) : 1;
+        const real left = shares[l] < 1 - MIN_FREE_SHARE ? same * shares[l] / (1 - shares[l]) : 1;
         const real least = left < 1 ? left : 1, more = least > shares[l] ? least - shares[l] : 0;
         for (int i = 0; i < FL_PARAMETERS; i++)
             for (int j = 0; j < FL_PARAMETERS; j++) covariance[9 * i + j] += more * vectors[k * i + l] * vectors[k * j + l];
@@ -266,7 +268,7 @@ void fl_keep_open(const real before[81], real same, real covariance[81])
 void fl_expect_walk(flinders_online *online)
 {
     const real radius = fl_mean_radius(online->latest);
-    const real variance = online->expected_walk_sigma * online->expected_walk_sigma + BETWEEN_RATES * BETWEEN_RATES;
+    const real variance = online->expected_walk_sigma * online->expected_walk_sigma + RATE_SPACING_SIGMA * RATE_SPACING_SIGMA;
     real probable[FL_RATES], sum = 0;
     if (!(online->expected_walk > 0 && radius > 0)) return;
     for (int k = 0; k < FL_RATES; k++) {
@@ -292,21 +294,21 @@ void fl_weigh_rates(flinders_online *online, const real d[3], const real covaria
         best = densities[k] > best ? densities[k] : best;
     }
     for (int k = 0; k < FL_RATES; k++)
-        sum += online->rates[k] = fl_pow(online->rates[k] / online->probable_rates[k], REMEMBERED) * online->probable_rates[k] * fl_exp(densities[k] - best);
+        sum += online->rates[k] = fl_pow(online->rates[k] / online->probable_rates[k], MEMORY_EXPONENT) * online->probable_rates[k] * fl_exp(densities[k] - best);
     for (int k = 0; k < FL_RATES; k++) online->rates[k] /= sum;
 }
 
-/* The offset has moved, by so much squared. */
+/* Record a move of the offset, by its square. */
 void fl_count_move(flinders_online *online, real square)
 {
     online->moves += 1, online->moves_square += square;
 }
 
-/* Variance of the offset along an axis by moves that nobody has seen, while nothing was read for some time. */
+/* Variance of the offset along an axis from moves that were not observed during a time without readings. */
 real fl_unseen_moves(const flinders_online *online, real seconds)
 {
-    const real radius = fl_mean_radius(online->latest), days = (MOVES_DAY * DAY_S + online->watched) / DAY_S;
-    const real rate = (MOVES_DAY * MOVES_BEFORE + online->moves) / days;
-    const real square = (MOVED * MOVED * radius * radius + online->moves_square) / (1 + online->moves);
-    return seconds > UNSEEN_S ? rate * seconds / DAY_S * square / 3 : 0;
+    const real radius = fl_mean_radius(online->latest), days = (PRIOR_MOVES_DAYS * DAY_S + online->watched) / DAY_S;
+    const real rate = (PRIOR_MOVES_DAYS * PRIOR_MOVES_PER_DAY + online->moves) / days;
+    const real square = (PRIOR_MOVE_SIZE * PRIOR_MOVE_SIZE * radius * radius + online->moves_square) / (1 + online->moves);
+    return seconds > MAX_WATCHED_GAP_S ? rate * seconds / DAY_S * square / 3 : 0;
 }

@@ -12,9 +12,9 @@
 
 enum { AXES = 3, CONTRASTS = FL_LAGS_OF_AXES, WIDTH = CONTRASTS + 9 };
 
-#define REACH ((real)0.04)  /* s, from a reading to those that a rate is taken from, where the sensor is as fast */
-#define UNLIKELY ((real)1e-3)
-#define GAP ((real)3)       /* times as long as usual: there is no rate across it */
+#define RATE_SPAN_S ((real)0.04) /* s between a reading and those from which its rate of change is computed, for a sensor that is fast enough */
+#define MAX_P_VALUE ((real)1e-3)
+#define MIN_GAP_INTERVALS ((real)3) /* usual intervals in a gap, across which there is no rate */
 
 static const real contrasts[CONTRASTS][AXES] = {{1, -1, 0}, {1, 1, -2}};
 
@@ -32,13 +32,13 @@ static spacing spacing_of(const fl_view *view, const fl_room *room)
     if (!room->time) return found;
     const real each = (room->time[view->rows - 1] - room->time[0]) / (real)(view->rows - 1);
     if (!(each > 0)) return found;
-    const real apart = REACH / each + (real)0.5;
+    const real apart = RATE_SPAN_S / each + (real)0.5;
     if (apart >= 1) found.reach = apart < (real)view->rows ? (size_t)apart : view->rows;
     found.usual = 2 * (real)found.reach * each;
     return found;
 }
 
-/* How fast the readings change at a place; 0 where that is not known. */
+/* Rate of change of the readings at a place; 0 if it is not known. */
 static int rate_at(const spacing *spaced, size_t place, real rate[AXES])
 {
     const fl_view *view = spaced->view;
@@ -47,7 +47,7 @@ static int rate_at(const spacing *spaced, size_t place, real rate[AXES])
     const size_t before = place - spaced->reach, behind = place + spaced->reach;
     if (view->rejected && (view->rejected[before] || view->rejected[behind])) return 0;
     const real *time = spaced->room->time, taken = time ? time[behind] - time[before] : spaced->usual;
-    if (!(taken > 0) || !(taken < GAP * spaced->usual)) return 0;
+    if (!(taken > 0) || !(taken < MIN_GAP_INTERVALS * spaced->usual)) return 0;
     const real each = 1 / taken;
     for (int axis = 0; axis < AXES; axis++)
         rate[axis] = (view->field[3 * behind + axis] - view->field[3 * before + axis]) * each;
@@ -92,7 +92,7 @@ void fl_lag(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, c
     fl_regression plain;
     const real *lags = found->solution;
     real products[FL_COLUMNS * FL_COLUMNS], moved[9];
-    if (by_chance < UNLIKELY && fit->slow.ratio > 0) {
+    if (by_chance < MAX_P_VALUE && fit->slow.ratio > 0) {
         fl_gather_axes(kernels, view, &fit->surface, room, 0, &all);
         fl_gram(kernels, &all, 0, all.n, products);
         if (!fl_regress(&all, products, 0, WIDTH, &plain)) return;

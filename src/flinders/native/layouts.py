@@ -1,6 +1,7 @@
 """Layouts of the structs of `flinders.h`, as rows of NumPy structured arrays.
 
-The fields are parsed from the header, which documents them. A record is one row, for one recording as for many.
+The members are parsed from the header, which documents them. A record is one row; records of many recordings are rows
+of one array.
 
 >>> RECORD["covariance"].shape, RECORD["noise"], "level_worst_deg" in RECORD.names
 ((81,), dtype('float64'), True)
@@ -38,7 +39,7 @@ def _size(count: str) -> tuple[int, ...]:
 
 
 def _number(word: str) -> int:
-    """Value of a number or a constant; of constants that depend on the processor, the first, which is for computers."""
+    """Value of a number or a constant; if the header defines a constant twice, the first, which is for computers."""
     if word.isdecimal():
         return int(word)
     headers = "".join((SOURCE_FOLDER / name).read_text(encoding="utf-8") for name in ("flinders_rules.h", "flinders.h"))

@@ -10,13 +10,13 @@
 #include "judge.h"
 #include "residuals.h"
 
-#define NEARLY_FLAT ((real)3)      /* ratio of thickness to noise below which readings are in a plane */
-#define MUCH_BETTER ((real)5)      /* times smaller a claim that takes readings for a turn which leave their plane by more */
-#define TILTED ((real)0.2)         /* share of the readings: where more leave the plane of a turn, the body was tilted */
-#define VERTICAL ((real)0.8660254037844387) /* of z along the vertical, 30 degrees; as of an accelerometer beside a site */
-#define TURNED ((real)0.9)        /* mean of the vertical in a body that was turned over: by more than some 25 degrees */
-#define STEADY ((real)0.985)       /* mean of the vertical in a body that was level: within 10 degrees */
-#define THINNEST ((real)1e-12)     /* semi-axis of a start over the range of the readings */
+#define MAX_NEARLY_FLAT_RATIO ((real)3) /* largest ratio of thickness to noise of readings that are nearly in a plane */
+#define MIN_CLAIM_RATIO ((real)5) /* smallest ratio of claims at which readings that are not nearly flat count as a level turn */
+#define MAX_REJECTED_SHARE ((real)0.2) /* largest share of readings that leave the plane of a turn, if the body was not tilted */
+#define MIN_VERTICAL_COSINE ((real)0.8660254037844387) /* smallest component of z along the vertical, 30 degrees; as of an accelerometer beside a site */
+#define MIN_TURN_MEAN ((real)0.9) /* smallest mean of the vertical in a turn: a body that was turned over by more than some 25 degrees has less */
+#define MIN_LEVEL_MEAN ((real)0.985) /* smallest mean of the vertical in a body that was level: within 10 degrees */
+#define MIN_AXIS_SHARE ((real)1e-12) /* smallest semi-axis of a start, over the range of the readings */
 
 /* Copy readings, projected to one height. */
 static void lay_flat(const fl_view *view, real height, real *out)
@@ -78,7 +78,7 @@ static int is_thin(const fl_surface *start, const flinders_record *record)
         range = own > range ? own : range;
     }
     fl_sym3_values(start->shape, axes);
-    return !(axes[0] > (real)FL_SMALLEST && axes[0] > THINNEST * range);
+    return !(axes[0] > (real)FL_SMALLEST && axes[0] > MIN_AXIS_SHARE * range);
 }
 
 /* Fit the ellipse of prepared readings, robustly if residuals have outliers. */
@@ -116,11 +116,11 @@ int fl_are_flat(const fl_scatter *readings, real noise, real within)
 int fl_is_turn(const flinders_record *ellipsoid, const flinders_record *turn, const fl_scatter *readings,
                const flinders_options *options)
 {
-    if ((real)turn->rejected > TILTED * (real)turn->fitted) return 0;
+    if ((real)turn->rejected > MAX_REJECTED_SHARE * (real)turn->fitted) return 0;
     if (fl_are_flat(readings, ellipsoid->noise, FL_FLAT_NOISE)) return 1;
-    const int is_nearly = options->level > 1 || ellipsoid->unobserved || fl_are_flat(readings, ellipsoid->noise, NEARLY_FLAT);
+    const int is_nearly = options->level > 1 || ellipsoid->unobserved || fl_are_flat(readings, ellipsoid->noise, MAX_NEARLY_FLAT_RATIO);
     if (!is_nearly && turn->rejected) return 0; /* what leaves the plane are no outliers */
-    return (is_nearly ? 1 : MUCH_BETTER) * turn->level_worst_deg < ellipsoid->level_worst_deg;
+    return (is_nearly ? 1 : MIN_CLAIM_RATIO) * turn->level_worst_deg < ellipsoid->level_worst_deg;
 }
 
 /* Whether to check for a level turn: there is a prior across its plane, and each axis varies; a constant one may be
@@ -144,6 +144,6 @@ int flinders_levelness(const real *acceleration, size_t rows)
         count++;
     }
     const real length = fl_sqrt(sum[0] * sum[0] + sum[1] * sum[1] + sum[2] * sum[2]);
-    if (fl_abs(sum[2]) < VERTICAL * length || length < TURNED * count) return 0;
-    return count > 0 && length > STEADY * count ? 2 : 1;
+    if (fl_abs(sum[2]) < MIN_VERTICAL_COSINE * length || length < MIN_TURN_MEAN * count) return 0;
+    return count > 0 && length > MIN_LEVEL_MEAN * count ? 2 : 1;
 }

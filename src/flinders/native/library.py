@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 class _Array:
-    """Type of an array argument, which must be contiguous, or None for a null pointer."""
+    """Type of an argument that is a contiguous array, or None for a null pointer."""
 
     @classmethod
     def from_param(cls, array: NDArray[np.generic] | None) -> ctypes.c_void_p | None:
@@ -169,7 +169,7 @@ class Library:
         return str(self._library.flinders_message(int(status)).decode())
 
     def kernels(self, wanted: int = 0) -> int:
-        """Kernels that are used on this processor: 1 for the baseline, 2 for AVX2; `wanted` selects them."""
+        """Number of the kernels in use on this processor: 1 for the baseline, 2 for AVX2; `wanted` selects them."""
         return int(self._library.flinders_kernels(wanted))
 
     def _workspace(self, rows: int) -> tuple[NDArray[np.uint8], int]:

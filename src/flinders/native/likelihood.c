@@ -4,18 +4,18 @@
  */
 #include "internal.h"
 
-enum { HALVINGS = 30, PASSES = 3, LANES = 12 /* of three axes */ };
+enum { HALVINGS = 30, PASSES = 3, AXIS_LANES = 12 /* of three axes */ };
 
-#define NEAR ((real)3)            /* standard deviations */
-#define LONGEST_STEP ((real)0.3)  /* of the radius */
-#define SETTLED ((real)1e-10)     /* of the radius: shorter steps are not taken */
-#define SETTLED_BUT_FOR_ONE ((real)1e-5)
-#define LEAST_GAIN ((real)1e-3)   /* of χ²: a step that gains no more is the last, */
-#define LEFT_OUT ((real)0.02)     /* if it leaves out no more standard deviations, of second order in it */
-#define NO_WORSE ((real)0.01)     /* in χ² */
-#define SHORTEST_AXIS ((real)1e-4) /* of the longest */
-#define SENSE ((real)10)          /* spreads within which the centre and the size lie */
-#define NOTHING ((real)1e-3)      /* share of the prior below which its upper bound does */
+#define MAX_NEAR_STEP_SIGMAS ((real)3) /* largest step, in standard deviations, that is near the end */
+#define MAX_STEP_SHARE ((real)0.3) /* largest step, of the radius */
+#define MIN_STEP_SHARE ((real)1e-10) /* of the radius: shorter steps are not taken */
+#define MIN_LAST_STEP_SHARE ((real)1e-5) /* of the radius: after a shorter step there is at most one more */
+#define MIN_GAIN_SHARE ((real)1e-3) /* relative gain in χ²: a step that gains less is the last, */
+#define MAX_OMITTED_SIGMAS ((real)0.02) /* if its terms of second order are at most so many standard deviations */
+#define MAX_COST_INCREASE ((real)0.01) /* largest increase of χ² by a step */
+#define MIN_AXIS_RATIO ((real)1e-4) /* smallest ratio of the shortest to the longest semi-axis */
+#define PLAUSIBLE_SPREADS ((real)10) /* 1 sigma of centre and size, in spreads of the readings */
+#define MIN_PRIOR_SHARE ((real)1e-3) /* smallest upper bound of the prior's share at which the share is computed */
 
 /* What every step looks at. */
 typedef struct {
@@ -32,7 +32,7 @@ static int is_closed(const fl_surface *surface)
 {
     real axes[3];
     fl_sym3_values(surface->shape, axes);
-    return axes[0] > SHORTEST_AXIS * axes[2];
+    return axes[0] > MIN_AXIS_RATIO * axes[2];
 }
 
 /* Move a surface by a step; nonzero if it is no longer closed. */
@@ -73,7 +73,7 @@ static void add_prior(const fl_surface *surface, real spread, real matrix[81], r
 /* Centre and size stay within ten spreads of the readings: it matters only where no reading speaks. */
 static void add_sense(const problem *task, const fl_surface *surface, real matrix[81], real gradient[9], real *cost)
 {
-    const real width = SENSE * task->spread;
+    const real width = PLAUSIBLE_SPREADS * task->spread;
     for (int i = 0; i < 3; i++) {
         real row[9] = {0};
         row[i] = -1 / width;
@@ -97,10 +97,10 @@ void fl_add_known(const real expected[9], const real information[81], const fl_s
     for (int i = 0; i < 81; i++) matrix[i] += information[i];
 }
 
-/* Whether something holds what readings leave open. */
+/* Whether a prior limits undetermined parameters. */
 static int is_held(const flinders_options *options) { return fl_is_informed(options) || options->prior > 0; }
 
-/* Add what the prior says, where there is one. */
+/* Add the prior, if there is one. */
 static void add_belief(const problem *task, const fl_surface *surface, real matrix[81], real gradient[9], real *cost)
 {
     const flinders_options *const options = task->options;
@@ -157,8 +157,8 @@ static void add_kept_prior(const problem *task, const fl_posterior *at, real mat
 }
 #endif
 
-/* Linearise the likelihood and the prior at a surface. */
-FL_APART static void linearise(const problem *task, const fl_view *view, const fl_surface *surface, int sound, fl_posterior *at)
+/* Linearize the likelihood and the prior at a surface. */
+FL_APART static void linearize(const problem *task, const fl_view *view, const fl_surface *surface, int sound, fl_posterior *at)
 {
     real sums[55];
     at->surface = *surface;
@@ -183,7 +183,7 @@ typedef struct {
     const fl_posterior *at;
 } scattered;
 
-/* What noise alone adds to the information, per unit of noise variance, from so many of the readings. */
+/* Spurious information for a noise variance of 1, from some of the readings. */
 static void spurious(void *context, size_t most, real *matrix)
 {
     const scattered *from = context;
@@ -196,7 +196,7 @@ static void spurious(void *context, size_t most, real *matrix)
         for (int j = 0; j <= i; j++, sum++) matrix[9 * j + i] = matrix[9 * i + j] = sums[sum] * share;
 }
 
-/* Which directions the readings observe, looked at once. */
+/* Directions that the readings determine, computed once. */
 FL_APART static const fl_support *support_at(const problem *task, fl_posterior *at)
 {
     if (!at->has_support) {
@@ -245,20 +245,21 @@ static void solve(const problem *task, fl_posterior *at, const real *less, real 
     solve_with(task, at, at->sound ? NULL : support_at(task, at), less, step);
 }
 
-/* Take the longest of a step, its half, its quarter ... that leaves the fit no worse; zero where none does. Where the
- * step before had to be halved, the cost is looked at first; so it is where `tried` is `now`, for want of memory. */
+/* Take the longest of a step, its half, its quarter ... that does not increase the cost; zero if there is none. If
+ * the step before had to be halved, the cost is computed before the equations; also if `tried` is `now`, to save
+ * memory. */
 static int improve(const problem *task, fl_posterior *now, int *was_halved, real step[9], fl_posterior *tried)
 {
     const int sound = now->sound || support_at(task, now)->is_whole;
     const int unseen = fl_support_unseen(support_at(task, now));
-    const real variance = now->variance, most = now->cost / variance + now->prior_cost + NO_WORSE;
+    const real variance = now->variance, most = now->cost / variance + now->prior_cost + MAX_COST_INCREASE;
     const int is_first = !*was_halved && tried != now;
     fl_surface surface;
     for (int halving = 0; halving < HALVINGS; halving++) {
         const int is_closed_there = !moved(&now->surface, step, &surface);
         const int is_any = !sound && unseen; /* their cost is noise */
         if (is_closed_there && (is_any || (halving == 0 && is_first) || cost_at(task, &surface, variance) <= most)) {
-            linearise(task, &task->some, &surface, sound, tried);
+            linearize(task, &task->some, &surface, sound, tried);
             *was_halved = halving > 0;
             if (is_any || tried == now || tried->cost / variance + tried->prior_cost <= most) return 1;
         }
@@ -267,17 +268,17 @@ static int improve(const problem *task, fl_posterior *now, int *was_halved, real
     return 0;
 }
 
-/* Whether the last step may be one as short as this: it gains next to nothing, and what it leaves out, of second order in
- * step and noise, is small beside the least standard deviation that there may be. */
+/* Whether a step as short as this may be the last: its gain is small, and its terms of second order are small
+ * compared with the smallest standard deviation. */
 static int is_last(const problem *task, fl_posterior *now, const real step[9], real largest)
 {
     const real least = now->noise / fl_sqrt((real)now->count);
     real gain = 0;
-    if (!(largest > SETTLED_BUT_FOR_ONE)) return 1;
-    if (!(largest * (largest * now->surface.radius + now->noise) <= LEFT_OUT * least)) return 0;
+    if (!(largest > MIN_LAST_STEP_SHARE)) return 1;
+    if (!(largest * (largest * now->surface.radius + now->noise) <= MAX_OMITTED_SIGMAS * least)) return 0;
     for (int i = 0; i < 9; i++)
         for (int j = 0; j < 9; j++) gain += step[i] * now->matrix[9 * i + j] * step[j];
-    return gain <= LEAST_GAIN * now->cost && support_at(task, now)->is_whole;
+    return gain <= MIN_GAIN_SHARE * now->cost && support_at(task, now)->is_whole;
 }
 
 /* Iterate until steps vanish or none makes the fit better; counts the steps. The corrected equation is solved by one more
@@ -296,8 +297,8 @@ FL_APART static int settle(const problem *task, int most_steps, fl_posterior *no
         solve(task, now, NULL, step);
         for (int i = 0; i < 9; i++) largest = fl_abs(step[i]) > largest ? fl_abs(step[i]) : largest;
         largest /= now->surface.radius;
-        if (!isfinite(largest) || (task->options->bias_correction ? is_last(task, now, step, largest) : !(largest > SETTLED))) break;
-        for (int i = 0; i < 9 && largest > LONGEST_STEP; i++) step[i] *= LONGEST_STEP / largest;
+        if (!isfinite(largest) || (task->options->bias_correction ? is_last(task, now, step, largest) : !(largest > MIN_STEP_SHARE))) break;
+        for (int i = 0; i < 9 && largest > MAX_STEP_SHARE; i++) step[i] *= MAX_STEP_SHARE / largest;
         if (!improve(task, now, &was_halved, step, tried)) break;
         *now = *tried;
     }
@@ -322,7 +323,7 @@ static void covariance_at(const problem *task, fl_posterior *at, real covariance
     covariance_with(task, at, support_at(task, at), covariance);
 }
 
-/* Whether what a step leaves out, of second order in it, is small next to the uncertainty. */
+/* Whether the terms of second order of a step are small compared with the uncertainty. */
 static int is_small(const real step[9], const real covariance[81], real radius)
 {
     for (int i = 0; i < 9; i++)
@@ -330,16 +331,16 @@ static int is_small(const real step[9], const real covariance[81], real radius)
     return 1;
 }
 
-/* Whether a step is no longer than what is not known: residuals before it are those behind it. */
+/* Whether a step is within the uncertainty, so that residuals before it are those after it. */
 static int is_near(const real step[9], const real covariance[81], real radius)
 {
     for (int i = 0; i < 9; i++)
-        if (!(step[i] * step[i] <= NEAR * NEAR * covariance[10 * i])) return 0;
+        if (!(step[i] * step[i] <= MAX_NEAR_STEP_SIGMAS * MAX_NEAR_STEP_SIGMAS * covariance[10 * i])) return 0;
     return is_small(step, covariance, radius);
 }
 
-/* Largest share of the information about any combination of parameters that comes from the prior; what is known of them is
- * none. */
+/* Largest share of the prior in the information on any combination of parameters; a known shape does not count as
+ * prior. */
 FL_APART static real prior_share(const problem *task, const fl_surface *surface, const real covariance[81])
 {
     real prior[81] = {0}, gradient[9] = {0}, cost = 0, vectors[81], values[9], half[81], product[81], shares[9];
@@ -347,7 +348,7 @@ FL_APART static real prior_share(const problem *task, const fl_surface *surface,
     if (fl_is_informed(task->options) || !(task->options->prior > 0)) return 0;
     add_prior(surface, task->options->prior, prior, gradient, &cost);
     for (int i = 0; i < 81; i++) at_most += covariance[i] * prior[i];
-    if (!(at_most >= NOTHING)) return at_most;
+    if (!(at_most >= MIN_PRIOR_SHARE)) return at_most;
     memcpy(vectors, covariance, sizeof vectors);
     fl_eigen(vectors, 9, values);
     for (int i = 0; i < 9; i++)
@@ -376,33 +377,33 @@ static fl_view compact(const fl_view *view, real *copy)
 }
 
 /* Add readings less a point, and their squares, to sums of four readings side by side. */
-static void add_about(const fl_view *view, const real point[3], real sums[LANES], real squares[LANES])
+static void add_about(const fl_view *view, const real point[3], real sums[AXIS_LANES], real squares[AXIS_LANES])
 {
-    real about[LANES];
+    real about[AXIS_LANES];
     size_t row = 0;
-    for (int lane = 0; lane < LANES; lane++) about[lane] = point[lane % 3];
-    for (; !view->rejected && row + LANES / 3 <= view->rows; row += LANES / 3)
-        for (int lane = 0; lane < LANES; lane++) {
+    for (int lane = 0; lane < AXIS_LANES; lane++) about[lane] = point[lane % 3];
+    for (; !view->rejected && row + AXIS_LANES / 3 <= view->rows; row += AXIS_LANES / 3)
+        for (int lane = 0; lane < AXIS_LANES; lane++) {
             const real off = view->field[3 * row + lane] - about[lane];
             sums[lane] += off, squares[lane] += off * off;
         }
     for (size_t lane = 0; row < view->rows; row++) {
         if (view->rejected && view->rejected[row]) continue;
-        for (int axis = 0; axis < 3; axis++, lane = (lane + 1) % LANES) {
+        for (int axis = 0; axis < 3; axis++, lane = (lane + 1) % AXIS_LANES) {
             const real off = view->field[3 * row + axis] - point[axis];
             sums[lane] += off, squares[lane] += off * off;
         }
     }
 }
 
-/* Prepare the part of the readings that the fit is iterated on; tells whether it is not all of them. */
+/* Prepare the part of the readings on which the fit is iterated; returns whether it is not all of them. */
 static int prepare(const fl_kernels *kernels, const fl_view *view, const flinders_options *options,
                    const fl_surface *start, real *copy, problem *task, int *is_part)
 {
     fl_view some = {view->field, view->rows, view->rejected, 1};
     const size_t free = fl_view_count(&some);
     const size_t stride = free > FL_ENOUGH ? (free + FL_SOME - 1) / FL_SOME : 1;
-    real sums[LANES] = {0}, squares[LANES] = {0};
+    real sums[AXIS_LANES] = {0}, squares[AXIS_LANES] = {0};
     memset(task, 0, sizeof *task);
     some.stride = stride;
     *is_part = stride > 1;
@@ -412,7 +413,7 @@ static int prepare(const fl_kernels *kernels, const fl_view *view, const flinder
     add_about(&task->some, start->centre, sums, squares);
     for (int axis = 0; axis < 3; axis++) {
         real sum = 0, square = 0;
-        for (int lane = axis; lane < LANES; lane += 3) sum += sums[lane], square += squares[lane];
+        for (int lane = axis; lane < AXIS_LANES; lane += 3) sum += sums[lane], square += squares[lane];
         const real mean = sum / (real)task->count, variance = square / (real)task->count - mean * mean;
         task->spread += variance > 0 ? variance : 0;
         task->middle[axis] = start->centre[axis] + mean;
@@ -442,7 +443,7 @@ static int last_step(const problem *task, fl_posterior *now, real step[9], fl_su
  * none. */
 static int step_by_all(const problem *task, const fl_view *all, fl_fit *fit, real step[9], fl_surface *surface)
 {
-    linearise(task, all, surface, 0, &fit->posterior);
+    linearize(task, all, surface, 0, &fit->posterior);
     if (last_step(task, &fit->posterior, step, surface)) return 1;
     covariance_at(task, &fit->posterior, fit->covariance);
     return 0;
@@ -462,11 +463,11 @@ int fl_polish(const fl_kernels *kernels, const fl_view *view, const flinders_opt
     if (prepare(kernels, view, options, start, copy, &task, &is_long)) return FLINDERS_NOT_AN_ELLIPSOID;
     fit->steps = 0;
     if (!is_long || step_by_all(&task, &every, fit, step, &surface) || !is_near(step, fit->covariance, surface.radius)) {
-        linearise(&task, &task.some, start, 0, now);
+        linearize(&task, &task.some, start, 0, now);
         fit->steps = settle(&task, most_steps, now);
         surface = now->surface;
         for (int pass = 0; pass < (is_long ? PASSES : 1); pass++) {
-            if (is_long) linearise(&task, &every, &surface, 0, now);
+            if (is_long) linearize(&task, &every, &surface, 0, now);
             if (last_step(&task, now, step, &surface)) return FLINDERS_NOT_AN_ELLIPSOID;
             covariance_at(&task, now, fit->covariance);
             if (is_small(step, fit->covariance, surface.radius)) break;

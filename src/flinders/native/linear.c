@@ -1,9 +1,9 @@
 /* Small matrices: eigenvalues, Cholesky factors, symmetric 3 × 3 matrices, and the k-th smallest of a list. */
 #include "internal.h"
 
-enum { LARGEST = FL_WIDEST > 10 ? FL_WIDEST : 10 /* of a quadric */, SWEEPS = 60 };
+enum { MAX_SIZE = FL_WIDEST > 10 ? FL_WIDEST : 10 /* of a quadric */, SWEEPS = 60 };
 
-#define REGULAR ((real)1e-3) /* smallest entry on the diagonal of a factor in which no direction is lost */
+#define MIN_FACTOR_DIAGONAL ((real)1e-3) /* smallest entry on the diagonal of a factor in which no direction is lost */
 
 /* Bring a symmetric matrix (n, n) to tridiagonal form by Householder reflections; `v` becomes their product. */
 static void tridiagonal(real *v, int n, real *d, real *e)
@@ -148,7 +148,7 @@ static void diagonalise(real *v, int n, real *d, real *e)
 /* Ascending eigenvalues of a symmetric matrix (n, n), n ≤ 15, which becomes its eigenvectors in columns. */
 void fl_eigen(real *matrix, int n, real *values)
 {
-    real e[LARGEST];
+    real e[MAX_SIZE];
     for (int i = 0; i < n * n; i++) {
         if (isfinite(matrix[i])) continue;
         for (int k = 0; k < n * n; k++) matrix[k] = k % (n + 1) == 0;
@@ -179,8 +179,8 @@ static inline void subtract(real *restrict row, const real *restrict other, real
     for (int k = 0; k < n; k++) row[k] -= factor * other[k];
 }
 
-/* Replace the lower triangle of a matrix (n, n) by its Cholesky factor, and what is above its diagonal by the transpose of
- * that; nonzero if it is not positive definite. */
+/* Replace the lower triangle of a matrix (n, n) by its Cholesky factor, and the part above the diagonal by the
+ * transpose; nonzero if the matrix is not positive definite. */
 int fl_cholesky(real *a, int n)
 {
     for (int k = 0; k < n; k++) {
@@ -201,7 +201,7 @@ int fl_cholesky_regular(const real *matrix, int n, real *factor)
     memcpy(factor, matrix, (size_t)(n * n) * sizeof(real));
     if (fl_cholesky(factor, n)) return 1;
     for (int i = 0; i < n; i++)
-        if (!(factor[i * n + i] > REGULAR)) return 1;
+        if (!(factor[i * n + i] > MIN_FACTOR_DIAGONAL)) return 1;
     return 0;
 }
 
@@ -228,7 +228,7 @@ void fl_cholesky_solve(const real *factor, int n, real *x)
 void fl_cholesky_inverse(const real *factor, int n, real *inverse)
 {
     for (int j = 0; j < n; j++) {
-        real x[LARGEST] = {0};
+        real x[MAX_SIZE] = {0};
         x[j] = 1;
         for (int i = j; i < n; i++) {
             for (int k = j; k < i; k++) x[i] -= factor[i * n + k] * x[k];
@@ -326,21 +326,21 @@ static void sort_few(real *values, size_t n)
 /* A number near the one that a share of n numbers lies below: that of 15 of them. */
 static real pivot_of(const real *values, size_t n, size_t k)
 {
-    enum { SOME = 15 };
-    real some[SOME];
-    for (size_t i = 0; i < SOME; i++) some[i] = values[i * (n - 1) / (SOME - 1)];
-    sort_few(some, SOME);
-    return some[k * SOME / n];
+    enum { PIVOT_SAMPLES = 15 };
+    real some[PIVOT_SAMPLES];
+    for (size_t i = 0; i < PIVOT_SAMPLES; i++) some[i] = values[i * (n - 1) / (PIVOT_SAMPLES - 1)];
+    sort_few(some, PIVOT_SAMPLES);
+    return some[k * PIVOT_SAMPLES / n];
 }
 
 /* The k-th smallest of a list, which is put into another order: none before it is larger. NaN where the list has one that is
  * met. */
 real fl_select(real *values, size_t n, size_t k)
 {
-    enum { FEW = 24 };
+    enum { SORTED_LENGTH = 24 };
     real *from = values;
     size_t left = n, wanted = k;
-    while (left > FEW) {
+    while (left > SORTED_LENGTH) {
         const real pivot = pivot_of(from, left, wanted);
         size_t front = partition(from, left, pivot, 0);
         if (wanted < front) {

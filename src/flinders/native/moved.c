@@ -7,26 +7,26 @@
 #include "record.h"
 
 enum {
-    FEWEST = 20, /* readings: fewer do not tell a cloud from a surface */
-    COARSE = 8,  /* values of an axis ... */
-    OFTEN = 4,   /* ... and readings of each place of a sensor at rest that flickers by counts */
+    MIN_READINGS = 20, /* fewer readings do not distinguish a cloud from a surface */
+    MAX_AXIS_VALUES = 8,  /* values of an axis and ... */
+    MIN_PLACE_READINGS = 4,   /* ... and readings of each place of a sensor at rest that flickers by counts */
     SWEEPS = 3   /* of least squares whose columns are orthogonal but for rounding */
 };
 
-#define NARROW ((real)0.06)      /* width over level: uniform over a cap, 7 degrees on either side */
-#define TAILS ((real)4)          /* widths from the mean to the farthest place; beyond it is an outlier, or a turn */
-#define NARROW_BALL ((real)0.2)  /* the same of a ball, since noise of a fifth of the field is refused anyway ... */
-#define TAILS_BALL ((real)6)     /* ... and has tails */
-#define BALL ((real)0.5)         /* thickness over width of a ball */
-#define NEAR ((real)0.15)        /* farthest place over level, 9 degrees, that is no outlier */
-#define POINT ((real)0.06)       /* the same, below which no turn in the earth's field fits, whatever its shape */
-#define CLOSE ((real)0.25)       /* square of the distance from the mean, in deviations, of the middle, for each axis */
-#define FILLED ((real)0.03)      /* share of places there: 0.14 of a normal cloud, 0.06 of a flat one, none of a surface */
-#define THIN ((real)0.05)        /* thickness over width of an axis that is left out: a cap of 10 degrees on either side */
-#define SPHERICAL ((real)0.2)    /* scatter of the distances from the centre of a curve over its radius ... */
-#define CURVED ((real)0.85)      /* ... and over the thickness of the places */
-#define LEAST_RADIUS ((real)0.04) /* of a curve over the mean reading: no offset is larger than that allows */
-#define ROUNDING ((real)1e-9)    /* of the largest reading: what varies by less does not vary */
+#define MAX_CLOUD_WIDTH ((real)0.06) /* largest width over level of a cloud: uniform over a cap, 7 degrees on either side */
+#define MAX_TAIL_WIDTHS ((real)4) /* largest distance of a place from the mean, in widths; beyond it is an outlier, or a turn */
+#define MAX_BALL_WIDTH ((real)0.2) /* largest width over level of a ball; noise of a fifth of the field is refused in any case */
+#define MAX_BALL_TAIL_WIDTHS ((real)6) /* largest distance of a place of a ball from the mean, in widths */
+#define MIN_BALL_THICKNESS ((real)0.5) /* smallest ratio of thickness to width of a ball */
+#define MAX_INLIER_REACH ((real)0.15) /* farthest place over level, 9 degrees, that is no outlier */
+#define MAX_POINT_REACH ((real)0.06) /* farthest place over level, below which no turn in the earth's field fits, whatever its shape */
+#define MAX_MIDDLE_SQUARE ((real)0.25) /* largest squared distance from the mean, in deviations, of the middle, for each axis */
+#define MIN_MIDDLE_SHARE ((real)0.03) /* smallest share of places in a filled middle: 0.14 of a normal cloud, 0.06 of a flat one, 0 of a surface */
+#define MIN_AXIS_THICKNESS ((real)0.05) /* smallest ratio of thickness to width of an axis that counts: a cap of 10 degrees on either side */
+#define MAX_CURVE_SCATTER ((real)0.2) /* largest scatter of the distances from the centre of a curve over its radius ... */
+#define MAX_CURVE_NOISE_RATIO ((real)0.85) /* ... and over the thickness of the places */
+#define MIN_RADIUS_SHARE ((real)0.04) /* smallest radius of a curve over the mean reading; it limits the offset */
+#define MIN_VARIATION ((real)1e-9) /* variation, over the largest reading, below which readings are constant */
 
 /* Places from their mean along their principal axes, the thinnest first. */
 typedef struct {
@@ -46,7 +46,7 @@ static real level_of(real size, real weakest, real strongest)
 /* Different values of an axis, but for rounding. */
 static int values_of(const real *means, size_t n, int axis)
 {
-    real ordered[COARSE * COARSE * COARSE], largest = 0;
+    real ordered[MAX_AXIS_VALUES * MAX_AXIS_VALUES * MAX_AXIS_VALUES], largest = 0;
     int values = 1;
     for (size_t i = 0; i < n; i++) {
         const real value = means[3 * i + (size_t)axis];
@@ -55,16 +55,16 @@ static int values_of(const real *means, size_t n, int axis)
         ordered[at] = value;
         largest = fl_abs(value) > largest ? fl_abs(value) : largest;
     }
-    for (size_t i = 1; i < n; i++) values += ordered[i] - ordered[i - 1] > ROUNDING * largest;
+    for (size_t i = 1; i < n; i++) values += ordered[i] - ordered[i - 1] > MIN_VARIATION * largest;
     return values;
 }
 
 /* Whether readings take a few values only on each axis, and each place many times. */
 static int is_coarse(const real *means, size_t n, real readings)
 {
-    if (n > COARSE * COARSE * COARSE || readings < OFTEN * (real)n) return 0;
+    if (n > MAX_AXIS_VALUES * MAX_AXIS_VALUES * MAX_AXIS_VALUES || readings < MIN_PLACE_READINGS * (real)n) return 0;
     for (int axis = 0; axis < 3; axis++)
-        if (values_of(means, n, axis) > COARSE) return 0;
+        if (values_of(means, n, axis) > MAX_AXIS_VALUES) return 0;
     return 1;
 }
 
@@ -93,9 +93,9 @@ static real turn_to_axes(real *places, size_t n, cluster *out)
 static int is_narrow(const cluster *all, real level)
 {
     const real width = all->deviations[2];
-    const int is_ball = all->deviations[0] > BALL * width;
-    const real tails = (is_ball ? TAILS_BALL : TAILS) * width, near = NEAR * level;
-    return width < (is_ball ? NARROW_BALL : NARROW) * level && all->reach < (tails > near ? tails : near);
+    const int is_ball = all->deviations[0] > MIN_BALL_THICKNESS * width;
+    const real tails = (is_ball ? MAX_BALL_TAIL_WIDTHS : MAX_TAIL_WIDTHS) * width, near = MAX_INLIER_REACH * level;
+    return width < (is_ball ? MAX_BALL_WIDTH : MAX_CLOUD_WIDTH) * level && all->reach < (tails > near ? tails : near);
 }
 
 /* Whether some places are near the mean, along the axes in which the cluster is not thin. */
@@ -103,16 +103,16 @@ static int is_filled(const cluster *all)
 {
     size_t close = 0;
     int thick = 0;
-    for (int k = 0; k < 3; k++) thick += all->deviations[k] > THIN * all->deviations[2];
+    for (int k = 0; k < 3; k++) thick += all->deviations[k] > MIN_AXIS_THICKNESS * all->deviations[2];
     for (size_t i = 0; i < all->n; i++) {
         real square = 0;
         for (int k = 3 - thick; k < 3; k++) {
             const real apart = all->places[3 * i + (size_t)k] / all->deviations[k];
             square += apart * apart;
         }
-        close += square < CLOSE * (real)thick;
+        close += square < MAX_MIDDLE_SQUARE * (real)thick;
     }
-    return (real)close / (real)all->n > FILLED;
+    return (real)close / (real)all->n > MIN_MIDDLE_SHARE;
 }
 
 /* Column k of the equations of a sphere for a place, in units of a scale; the last one is 1. */
@@ -165,7 +165,7 @@ static real radius_in(const cluster *all, int first)
             else scatter += (length - mean) * (length - mean) / (real)all->n;
         }
     const real noise = fl_sqrt(scatter);
-    return noise < SPHERICAL * radius && noise < CURVED * all->deviations[first] ? radius : FL_HUGE;
+    return noise < MAX_CURVE_SCATTER * radius && noise < MAX_CURVE_NOISE_RATIO * all->deviations[first] ? radius : FL_HUGE;
 }
 
 /* The angle, in degrees, of places that a sensor at rest was at; NaN of those of a turn. */
@@ -174,16 +174,16 @@ static real angle_of(real *means, size_t n, real readings, real weakest, real st
     cluster all;
     real largest = 0;
     for (size_t i = 0; i < 3 * n; i++) largest = fl_abs(means[i]) > largest ? fl_abs(means[i]) : largest;
-    if (readings < FEWEST || !((real)FL_SMALLEST < largest && largest < (real)FL_LARGEST)) return FL_NOT_A_NUMBER;
+    if (readings < MIN_READINGS || !((real)FL_SMALLEST < largest && largest < (real)FL_LARGEST)) return FL_NOT_A_NUMBER;
     const int is_flickering = is_coarse(means, n, readings);
     const real size = turn_to_axes(means, n, &all);
-    if (!(all.reach > ROUNDING * size && size > 0)) return FL_NOT_A_NUMBER;
+    if (!(all.reach > MIN_VARIATION * size && size > 0)) return FL_NOT_A_NUMBER;
     real level = level_of(size, weakest, strongest);
-    const int is_point = weakest > 0 && size >= weakest && all.reach < POINT * level;
+    const int is_point = weakest > 0 && size >= weakest && all.reach < MAX_POINT_REACH * level;
     if (!is_point && !is_narrow(&all, level)) return FL_NOT_A_NUMBER; /* and to a lower level it is wider still */
     if (!is_point && !is_flickering) {
         const real sphere = radius_in(&all, 0), circle = radius_in(&all, 1), radius = sphere < circle ? sphere : circle;
-        if (radius > LEAST_RADIUS * size && radius < level) level = radius;
+        if (radius > MIN_RADIUS_SHARE * size && radius < level) level = radius;
     }
     if (!is_point && !(is_narrow(&all, level) && (is_flickering || is_filled(&all)))) return FL_NOT_A_NUMBER;
     return fl_atan2(all.reach, level) * 180 / FL_PI;
@@ -226,7 +226,7 @@ void flinders_turned(const flinders_record *records, size_t count, real weakest,
     for (size_t i = 0; i < count; i++) {
         const real *const mean = records[i].mean, *const variances = records[i].principal_variances;
         const real size = fl_sqrt(mean[0] * mean[0] + mean[1] * mean[1] + mean[2] * mean[2]);
-        const real narrow = NARROW_BALL * level_of(size, weakest, strongest);
+        const real narrow = MAX_BALL_WIDTH * level_of(size, weakest, strongest);
         turned[i] = variances[2] > narrow * narrow && variances[0] > FL_FLATTEST * FL_FLATTEST * variances[2] &&
             records[i].rails == 0;
     }

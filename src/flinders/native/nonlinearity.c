@@ -11,7 +11,7 @@
 
 enum { TERMS = FL_NONLINEAR, WIDTH = 9 + TERMS, HEADINGS = 72 };
 
-#define EXPLAINED ((real)0.75)   /* of what residuals of one direction have in common: else it is of another kind */
+#define MIN_EXPLAINED_SHARE ((real)0.75) /* smallest share of the common residuals of one direction that the terms explain */
 
 /* What terms of 1 make of an axis at a direction: six displacements, of x, y, z by the square and by the cube. */
 static void displacements(const fl_surface *surface, const real direction[3], real out[TERMS])
@@ -26,7 +26,7 @@ static void displacements(const fl_surface *surface, const real direction[3], re
     }
 }
 
-/* Error of the heading of a level vehicle at the worst heading, without its mean, that a solution tells of. */
+/* Heading error of a level vehicle, at the worst heading and without its mean, from a solution. */
 static real level_error(const fl_surface *surface, const real solution[WIDTH], real dip_deg)
 {
     const real *step = solution, *shape = solution + 3, *terms = solution + 9;
@@ -93,8 +93,8 @@ static real across(const fl_surface *surface, real steps[TERMS][WIDTH])
     return fl_sqrt(worst);
 }
 
-/* Add to a record what is not known of the terms. What they do to offset and shape in the mean over all directions, with
- * the steps of these that go along with them, is in the covariance; the rest is an error of the direction. */
+/* Add the uncertainty of the terms to a record. Their mean effect on offset and shape over all directions is in the
+ * covariance; the rest is an error of the direction. */
 void fl_nonlinear_sigma(const fl_kernels *kernels, const fl_surface *surface, const fl_room *room,
                         const fl_regression *found, real dip_deg, flinders_record *record)
 {
@@ -129,7 +129,7 @@ static int explains(const fl_kernels *kernels, const fl_view *view, const fl_sur
     fl_sort_by_direction(kernels, &left);
     const real before = fl_common_variance(&left);
     kernels->take_off(left.columns + FL_LAGS_OF_AXES, left.n, WIDTH, solution, left.distances, left.distances);
-    return fl_common_variance(&left) < (1 - EXPLAINED) * before;
+    return fl_common_variance(&left) < (1 - MIN_EXPLAINED_SHARE) * before;
 }
 
 /* Write what was found of axes that are not linear into a record, unless a distortion is of another kind. What is neither

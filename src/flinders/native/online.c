@@ -8,51 +8,51 @@
  */
 #include "online.h"
 
-enum { FEWEST = 48, STEP = 32, GROUP = 16, LARGE_GROUP = 64, IN_A_ROW = 2, MOST_GROUPS = 24, SUSPECTS = 3,
-       HALVINGS = 40, FEWEST_COMPARED = 8 };
+enum { MIN_BLOCK_READINGS = 48, READINGS_PER_STEP = 32, GROUP_READINGS = 16, LARGE_GROUP_READINGS = 64, MIN_AGREEING_GROUPS = 2, MAX_CONTRADICTING_GROUPS = 24, MAX_SUSPECT_GROUPS = 3,
+       HALVINGS = 40, MIN_COMPARED_READINGS = 8 };
 
-#define TURNED ((real)0.06)        /* rad: smallest angle between different directions */
-#define MOST_TOGETHER_S ((real)2)  /* s: longest average of readings in one direction */
+#define MIN_TURN_RAD ((real)0.06)        /* rad: smallest angle between different directions */
+#define MAX_AVERAGE_S ((real)2)  /* s: longest average of readings in one direction */
 #define GAP_S ((real)120)          /* s without readings or turns that end a block */
 #define BLOCK_S ((real)1200)       /* s: longest block */
-#define DENSER ((real)1.37)        /* ratio of reading rates from which only the denser part is thinned */
-#define FULL_S ((real)120)         /* s: shortest block on a board, whose evidence has few readings */
+#define MIN_DENSITY_RATIO ((real)1.37)        /* ratio of reading rates from which only the denser part is thinned */
+#define MIN_FULL_BLOCK_S ((real)120)         /* s: shortest block on a board, whose evidence has few readings */
 #define GROUP_TURN_DEG ((real)25)  /* smallest turn from its mean of a group that is compared */
-#define AS_FAR ((real)2)           /* ratio of 1 sigma of the change in unobserved directions to the observed change */
-#define ANYWHERE ((real)0.3)       /* of the radius: 1 sigma of an unknown offset */
-#define PLACE ((real)0.02)         /* prior variation of the field's strength between places, 1 sigma, a fraction */
-#define LEAST_PLACE ((real)0.003)  /* smallest value of that variation */
-#define CONTRADICTS ((real)1e-6)   /* p-value below which a group contradicts the calibration */
-#define AGREES ((real)0.01)        /* p-value above which a group agrees */
-#define LARGE ((real)0.004)        /* of the radius: smallest contradiction */
-#define LASTS_S ((real)30)         /* s for which groups must agree on another offset before it is accepted */
-#define BETTER ((real)0.8)         /* ratio to the claim in use below which a calibration is adopted */
-#define LEARNT ((real)3)           /* largest claim of a first calibration, over the target */
-#define SCATTER ((real)4)          /* prior ratio of the variance of groups to the claimed one */
-#define MOST_SCATTER ((real)9)
-#define LEAST_SCATTER ((real)0.2)  /* below 1, as autocorrelated noise is assumed for few readings */
-#define PASSED ((real)1.5)         /* factor for the scatter after a temporary disturbance */
-#define GROUPS ((real)16)          /* number of groups in the average of the scatter */
-#define FAR ((real)4)              /* largest weight of one group, over the average */
+#define CHANGE_SIGMA_RATIO ((real)2)           /* ratio of 1 sigma of the change in unobserved directions to the observed change */
+#define OPEN_OFFSET_SIGMA ((real)0.3)       /* of the radius: 1 sigma of an unknown offset */
+#define PRIOR_PLACE_SIGMA ((real)0.02)         /* prior variation of the field's strength between places, 1 sigma, a fraction */
+#define MIN_PLACE_SIGMA ((real)0.003)  /* smallest value of that variation */
+#define MAX_CONTRADICTION_P ((real)1e-6)   /* p-value below which a group contradicts the calibration */
+#define MIN_AGREEMENT_P ((real)0.01)        /* p-value above which a group agrees */
+#define MIN_CONTRADICTION_SHARE ((real)0.004)        /* of the radius: smallest contradiction */
+#define MIN_AGREEMENT_S ((real)30)         /* s for which groups must agree on another offset before it is accepted */
+#define MAX_ADOPTED_CLAIM_RATIO ((real)0.8)         /* ratio to the claim in use below which a calibration is adopted */
+#define MAX_FIRST_CLAIM_RATIO ((real)3)           /* largest claim of a first calibration, over the target */
+#define PRIOR_SCATTER ((real)4)          /* prior ratio of the variance of groups to the claimed one */
+#define MAX_SCATTER ((real)9)
+#define MIN_SCATTER ((real)0.2)  /* below 1, as autocorrelated noise is assumed for few readings */
+#define PASSED_SCATTER_FACTOR ((real)1.5)         /* factor for the scatter after a temporary disturbance */
+#define AVERAGED_GROUPS ((real)16)          /* number of groups in the average of the scatter */
+#define MAX_GROUP_WEIGHT ((real)4)              /* largest weight of one group, over the average */
 #define LEVEL_S ((real)60)         /* s: shortest recording for a first calibration of a level vehicle */
-#define UNRESOLVED_S ((real)600)   /* s after which contradicting readings are used in any case */
-#define SUSPECT ((real)1e-3)       /* p-value of each of three successive groups that are a contradiction together */
-#define SAME ((real)0.4)           /* fraction of a block's variance that depends on the place, and is not averaged out */
-#define SAME_TURN ((real)0.3)      /* the same fraction for a turn of a level vehicle, which returns to the place */
-#define EITHER ((real)0.3)         /* probability of a permanent change after a contradiction; the 95 % bound includes both cases */
-#define BACK ((real)0.3)           /* initial probability that a change is reversed */
-#define BACK_S ((real)900)         /* s: time constant of the decay of that probability */
-#define JUMP ((real)6)             /* smallest jump, over the usual step between readings */
-#define AT_ONCE_S ((real)1)        /* s: longest duration of the four newest readings for a test for a jump */
-#define AS_SOON ((real)2)          /* largest interval at a jump, over the neighbouring intervals */
-#define CALM ((real)0.3)           /* largest difference of two readings before or after a jump, over the jump */
-#define STEPS ((real)64)           /* number of steps in the average of their mean square */
-#define FAR_ALONE ((real)6)        /* error of the strength in one reading that is disturbed, in standard deviations */
-#define NEAR_AGAIN ((real)3)       /* the same for one that is undisturbed again */
-#define HEELED ((real)2.5)         /* largest deviation of z of a level vehicle, in standard deviations */
-#define HEIGHTS ((real)128)        /* number of readings in the average of this height */
-#define LONGEST_S ((real)(10 * 365.25 * 86400)) /* s: longest prediction of a claim */
-#define LEAN ((real)0.8)           /* fraction of a level vehicle's tilt that depends on heading, like an offset */
+#define MAX_CONTRADICTION_S ((real)600)   /* s after which contradicting readings are used in any case */
+#define MAX_SUSPECT_P ((real)1e-3)       /* p-value of each of three successive groups that are a contradiction together */
+#define PLACE_VARIANCE_SHARE ((real)0.4)           /* fraction of a block's variance that depends on the place, and is not averaged out */
+#define TURN_VARIANCE_SHARE ((real)0.3)      /* the same fraction for a turn of a level vehicle, which returns to the place */
+#define CHANGE_PROBABILITY ((real)0.3)         /* probability of a permanent change after a contradiction; the 95 % bound includes both cases */
+#define REVERSAL_PROBABILITY ((real)0.3)           /* initial probability that a change is reversed */
+#define REVERSAL_TIME_S ((real)900)         /* s: time constant of the decay of that probability */
+#define MIN_JUMP_RATIO ((real)6)             /* smallest jump, over the usual step between readings */
+#define MAX_JUMP_SPAN_S ((real)1)        /* s: longest duration of the four newest readings for a test for a jump */
+#define MAX_INTERVAL_RATIO ((real)2)          /* largest interval at a jump, over the neighbouring intervals */
+#define MAX_CALM_RATIO ((real)0.3)           /* largest difference of two readings before or after a jump, over the jump */
+#define AVERAGED_STEPS ((real)64)           /* number of steps in the average of their mean square */
+#define MIN_DISTURBED_SIGMAS ((real)6)        /* error of the strength in one reading that is disturbed, in standard deviations */
+#define MAX_UNDISTURBED_SIGMAS ((real)3)       /* the same for one that is undisturbed again */
+#define MAX_HEIGHT_SIGMAS ((real)2.5)         /* largest deviation of z of a level vehicle, in standard deviations */
+#define AVERAGED_HEIGHTS ((real)128)        /* number of readings in the average of this height */
+#define MAX_PREDICTION_S ((real)(10 * 365.25 * 86400)) /* s: longest prediction of a claim */
+#define HEADING_TILT_SHARE ((real)0.8)           /* fraction of a level vehicle's tilt that depends on heading, like an offset */
 
 /* Size of the record in bytes. */
 size_t flinders_online_size(void) { return sizeof(flinders_online); }
@@ -76,7 +76,7 @@ static void thin(flinders_online *online)
     const real *const time = online->time;
     const int compared = online->tested, half = compared / 2, count = online->kept;
     const real older = (time[half] - time[0]) / (real)half, newer = (time[compared - 1] - time[half]) / (real)(compared - 1 - half);
-    const int from = older > DENSER * newer ? half : 0;
+    const int from = older > MIN_DENSITY_RATIO * newer ? half : 0;
     online->kept = from;
     for (int row = from; row < count; row++) {
         if (row < compared && (row - from) % 2) continue;
@@ -96,7 +96,7 @@ FL_APART void fl_closed(const flinders_online *online, real covariance[81])
     memcpy(prior, online->known_covariance, sizeof prior);
     memcpy(covariance, online->latest_covariance, sizeof prior);
     fl_age(online, online->known, online->latest_at - online->known_at, prior);
-    if (online->latest_at > online->known_at) fl_keep_open(prior, SAME, covariance);
+    if (online->latest_at > online->known_at) fl_keep_open(prior, PLACE_VARIANCE_SHARE, covariance);
 }
 
 /* End a block: keep its latest calibration, and discard its evidence. */
@@ -108,7 +108,7 @@ FL_APART static void close_block(flinders_online *online, const fl_lent *memory)
         drop_before(online, online->kept);
         return;
     }
-    if (!fl_offset_alone(online, 0, online->known, ANYWHERE * fl_mean_radius(online->known), memory, offset, covariance)) {
+    if (!fl_offset_alone(online, 0, online->known, OPEN_OFFSET_SIGMA * fl_mean_radius(online->known), memory, offset, covariance)) {
         for (int i = 0; i < 3; i++) d[i] = offset[i] - online->known[i];
         for (int i = 0; i < 9; i++) covariance[i] += online->known_covariance[9 * (i / 3) + i % 3];
         fl_weigh_rates(online, d, covariance, seconds);
@@ -146,7 +146,7 @@ static int32_t adopt_better(flinders_online *online)
     flinders_online_claim claim;
     if (online->is_locked || online->state != FLINDERS_UNDISTURBED) return 0;
     if (flinders_online_claim_at(online, online->now, &claim)) return 0;
-    if (!(claim.latest_deg < BETTER * claim.worst_deg)) return 0;
+    if (!(claim.latest_deg < MAX_ADOPTED_CLAIM_RATIO * claim.worst_deg)) return 0;
     flinders_online_adopt(online);
     return FLINDERS_ADOPTED;
 }
@@ -187,7 +187,7 @@ static void part(flinders_online *online, int first, const fl_lent *memory, real
     real d[3];
     for (int i = 0; i < 3; i++) d[i] = offset[i] - online->latest[i];
     const real size = fl_sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
-    fl_offset_alone(online, (size_t)first, online->latest, AS_FAR * size, memory, offset, covariance);
+    fl_offset_alone(online, (size_t)first, online->latest, CHANGE_SIGMA_RATIO * size, memory, offset, covariance);
     for (int i = 0; i < 3; i++) online->apart[i] = offset[i] - online->latest[i];
     memcpy(online->apart_covariance, covariance, 9 * sizeof *covariance);
 }
@@ -209,7 +209,7 @@ static real corrected(const flinders_online *online, const fl_surface *surface, 
     return fl_sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2]);
 }
 
-/* By how much the field's strength differs in readings from one on: their mean length; and the mean of their directions. */
+/* Difference of the field's strength in readings from one on: their mean length; and the mean of their directions. */
 static real length_off(const flinders_online *online, int first, real direction[3])
 {
     fl_surface surface;
@@ -240,8 +240,8 @@ static real length_variance(const flinders_online *online, int first, const real
     return square - mean * mean;
 }
 
-/* How often chance makes the lengths of readings from one on so much more alike with another offset than with the one that is
- * known. A short arc lies on two spheres: where it lies on that of what is known, too, the other one says nothing. */
+/* p-value of the lengths of readings from one on, with another offset over the known one. A short arc lies on two
+ * spheres: if it also lies on the known one, the other is no evidence. */
 static real chance_of_lengths(const flinders_online *online, int first, const real offset[3], real scatter)
 {
     const real noise = online->noise / fl_mean_radius(online->latest), about = length_variance(online, first, offset);
@@ -250,21 +250,21 @@ static real chance_of_lengths(const flinders_online *online, int first, const re
     return gain > 0 ? fl_chance_of(gain / scatter, 3, 0) : 1;
 }
 
-/* Look at the newest reading alone, as of a body that lies still: where its length is far off, something passes or the offset
- * has moved, and where the next one's is not, it has passed. */
+/* Test the newest reading alone, for a body that lies still: if its length is far off, there is a disturbance or the
+ * offset has moved; if that of the next is not, the disturbance has passed. */
 static int32_t look_at_one(flinders_online *online, int is_still)
 {
     real u[3];
     const real radius = fl_mean_radius(online->latest), off = length_off(online, online->kept - 1, u), size = fl_abs(off);
     const real usual = fl_sqrt(online->place * online->place + online->noise * online->noise / (radius * radius));
     if (!is_still) return 0;
-    if (online->is_lone && size < NEAR_AGAIN * usual) {
+    if (online->is_lone && size < MAX_UNDISTURBED_SIGMAS * usual) {
         clear_doubt(online);
         drop_before(online, online->kept);
         online->state = FLINDERS_UNDISTURBED;
         return FLINDERS_PASSED;
     }
-    if (online->state != FLINDERS_UNDISTURBED || !(size > FAR_ALONE * usual && size > 2 * LARGE)) return 0;
+    if (online->state != FLINDERS_UNDISTURBED || !(size > MIN_DISTURBED_SIGMAS * usual && size > 2 * MIN_CONTRADICTION_SHARE)) return 0;
     online->state = FLINDERS_DISTURBED, online->disturbed_at = online->now, online->is_lone = 1, online->doubtful = online->kept - 1;
     for (int i = 0; i < 3; i++) online->apart[i] = off * radius * u[i];
     for (int i = 0; i < 3; i++) online->apart_covariance[4 * i] = off * off * radius * radius;
@@ -274,26 +274,26 @@ static int32_t look_at_one(flinders_online *online, int is_still)
 /* Update an average over groups. */
 static void follow(real *average, real square, real least)
 {
-    const real most = FAR * *average;
-    *average += ((square < most ? square : most) - *average) / GROUPS;
+    const real most = MAX_GROUP_WEIGHT * *average;
+    *average += ((square < most ? square : most) - *average) / AVERAGED_GROUPS;
     *average = *average > least ? *average : least;
 }
 
 /* End a temporary disturbance: discard its evidence, and that of its block. */
 static int32_t pass(flinders_online *online)
 {
-    online->scatter = online->scatter * PASSED < MOST_SCATTER ? online->scatter * PASSED : MOST_SCATTER;
+    online->scatter = online->scatter * PASSED_SCATTER_FACTOR < MAX_SCATTER ? online->scatter * PASSED_SCATTER_FACTOR : MAX_SCATTER;
     clear_doubt(online);
     drop_before(online, online->kept);
     online->state = FLINDERS_UNDISTURBED;
     return FLINDERS_PASSED;
 }
 
-/* After many groups that neither agree with what is known nor with each other, what they contradict is as uncertain as they
- * make it, and they are learnt from. */
+/* After many groups that agree neither with the calibration nor with each other, widen the contradicted parameters
+ * by the differences, and use the groups. */
 static int32_t give_in(flinders_online *online)
 {
-    if (++online->groups < MOST_GROUPS || online->now - online->disturbed_at < UNRESOLVED_S) return 0;
+    if (++online->groups < MAX_CONTRADICTING_GROUPS || online->now - online->disturbed_at < MAX_CONTRADICTION_S) return 0;
     for (int i = 0; i < 9; i++) {
         const int at = 9 * (i / 3) + i % 3;
         const real unknown = online->apart[i / 3] * online->apart[i % 3] + online->apart_covariance[i];
@@ -302,8 +302,8 @@ static int32_t give_in(flinders_online *online)
     return pass(online);
 }
 
-/* Learn of a group of a level vehicle: the offset that it shows alone, at its own place. What is between turns, a field that
- * varies along the way, is not looked at. */
+/* Use a group of a level vehicle: the offset that it shows alone, at its own place. Readings between turns are not
+ * used, as the field varies along the way. */
 static void learn_of_turn(flinders_online *online, const real d[3], const real alone[9])
 {
     const real scatter = online->scatter > 1 ? online->scatter : 1, now = online->time[online->kept - 1];
@@ -319,7 +319,7 @@ static void learn_of_turn(flinders_online *online, const real d[3], const real a
         online->latest[i] += gain[2 * i] * d[0] + gain[2 * i + 1] * d[1];
         for (int j = 0; j < 2; j++) {
             const real less = gain[2 * i] * before[j] + gain[2 * i + 1] * before[2 + j];
-            known[9 * i + j] = before[2 * i + j] - less + SAME_TURN * gain[3 * i] * scatter * (i == j ? alone[4 * i] : 0);
+            known[9 * i + j] = before[2 * i + j] - less + TURN_VARIANCE_SHARE * gain[3 * i] * scatter * (i == j ? alone[4 * i] : 0);
         }
     }
     online->latest_at = online->known_at = now;
@@ -336,10 +336,10 @@ static void get_used_to(flinders_online *online, int first, real ratio)
         online->suspect_ratio = ratio;
         return;
     }
-    if (online->suspect_ratio > 0) follow(&online->scatter, online->suspect_ratio, LEAST_SCATTER);
+    if (online->suspect_ratio > 0) follow(&online->scatter, online->suspect_ratio, MIN_SCATTER);
     online->suspect_ratio = 0;
-    follow(&online->scatter, ratio, LEAST_SCATTER);
-    follow(&variance, off * off, LEAST_PLACE * LEAST_PLACE);
+    follow(&online->scatter, ratio, MIN_SCATTER);
+    follow(&variance, off * off, MIN_PLACE_SIGMA * MIN_PLACE_SIGMA);
     online->place = fl_sqrt(variance);
 }
 
@@ -356,9 +356,9 @@ typedef struct {
 /* Process a group without a contradiction before: it is one, or updates the statistics. */
 static int32_t compare_undisturbed(flinders_online *online, shown *group, const fl_lent *memory)
 {
-    const int is_large = group->size > LARGE * fl_mean_radius(online->latest);
-    online->suspects = group->chance < SUSPECT && is_large ? online->suspects + 1 : 0;
-    if (!(group->chance < CONTRADICTS && is_large) && online->suspects < SUSPECTS) {
+    const int is_large = group->size > MIN_CONTRADICTION_SHARE * fl_mean_radius(online->latest);
+    online->suspects = group->chance < MAX_SUSPECT_P && is_large ? online->suspects + 1 : 0;
+    if (!(group->chance < MAX_CONTRADICTION_P && is_large) && online->suspects < MAX_SUSPECT_GROUPS) {
         get_used_to(online, group->first, group->ratio);
         if (online->is_level) learn_of_turn(online, group->d, group->covariance);
         return 0;
@@ -374,28 +374,28 @@ static int32_t compare_disturbed(flinders_online *online, shown *group, const fl
     const real scatter = online->scatter > 1 ? online->scatter : 1;
     real other[3];
     for (int i = 0; i < 3; i++) other[i] = group->d[i] - online->apart[i];
-    const int is_told = fl_chance_of_offsets(online->apart, online->apart_covariance, group->known, scatter, NULL) < AGREES;
-    const int agrees = fl_chance_of_offsets(group->d, group->covariance, group->known, scatter, NULL) > AGREES &&
-                       chance_of_lengths(online, group->first, group->offset, scatter) > AGREES;
-    const int is_alike = fl_chance_of_offsets(other, group->covariance, online->apart_covariance, scatter, NULL) > AGREES;
+    const int is_told = fl_chance_of_offsets(online->apart, online->apart_covariance, group->known, scatter, NULL) < MIN_AGREEMENT_P;
+    const int agrees = fl_chance_of_offsets(group->d, group->covariance, group->known, scatter, NULL) > MIN_AGREEMENT_P &&
+                       chance_of_lengths(online, group->first, group->offset, scatter) > MIN_AGREEMENT_P;
+    const int is_alike = fl_chance_of_offsets(other, group->covariance, online->apart_covariance, scatter, NULL) > MIN_AGREEMENT_P;
     online->is_lone = 0;
     if (is_told && agrees && is_alike) return give_in(online); /* it tells nothing */
     const int is_restarted = !is_alike && !online->alike; /* what there was before is another offset again */
     online->agreeing = agrees ? online->agreeing + 1 : 0, online->alike = is_alike ? online->alike + 1 : 0;
-    if (agrees) follow(&online->scatter, group->ratio, LEAST_SCATTER);
-    if (online->agreeing == IN_A_ROW) return pass(online);
+    if (agrees) follow(&online->scatter, group->ratio, MIN_SCATTER);
+    if (online->agreeing == MIN_AGREEING_GROUPS) return pass(online);
     if (agrees) return give_in(online);
     if (is_restarted) online->doubtful = group->first;
     part(online, online->doubtful, memory, group->offset, group->covariance);
-    const int has_lasted = online->time[online->kept - 1] - online->time[online->doubtful] >= LASTS_S;
-    if (online->alike < IN_A_ROW || !has_lasted || !is_determined(online)) return give_in(online);
+    const int has_lasted = online->time[online->kept - 1] - online->time[online->doubtful] >= MIN_AGREEMENT_S;
+    if (online->alike < MIN_AGREEING_GROUPS || !has_lasted || !is_determined(online)) return give_in(online);
     return move(online, group->offset, group->covariance);
 }
 
 /* Compare readings from one on with the calibration. */
 static int32_t compare(flinders_online *online, int first, const fl_lent *memory)
 {
-    const real anywhere = ANYWHERE * fl_mean_radius(online->latest);
+    const real anywhere = OPEN_OFFSET_SIGMA * fl_mean_radius(online->latest);
     shown group = {.first = first};
     if (fl_offset_alone(online, (size_t)first, online->latest, anywhere, memory, group.offset, group.covariance)) return 0;
     fl_offset_covariance(online, online->time[online->kept - 1], group.known);
@@ -403,9 +403,9 @@ static int32_t compare(flinders_online *online, int first, const fl_lent *memory
     group.size = fl_sqrt(group.d[0] * group.d[0] + group.d[1] * group.d[1] + group.d[2] * group.d[2]);
     group.chance = fl_chance_of_offsets(group.d, group.covariance, group.known, online->scatter, &group.ratio);
     if (group.size > 2 * anywhere) return 0; /* a short arc lies on more circles than one */
-    if (group.chance < SUSPECT) {
+    if (group.chance < MAX_SUSPECT_P) {
         const real by_lengths = chance_of_lengths(online, first, group.offset, online->scatter > 1 ? online->scatter : 1);
-        if (by_lengths > SUSPECT) return 0;
+        if (by_lengths > MAX_SUSPECT_P) return 0;
         group.chance = by_lengths > group.chance ? by_lengths : group.chance;
     }
     return online->state == FLINDERS_UNDISTURBED ? compare_undisturbed(online, &group, memory)
@@ -416,9 +416,9 @@ static int32_t compare(flinders_online *online, int first, const fl_lent *memory
 static int32_t look(flinders_online *online, const fl_lent *memory)
 {
     const int first = online->tested, count = online->kept - first;
-    if (count < GROUP) return 0;
+    if (count < GROUP_READINGS) return 0;
     const int is_turned = flinders_turn_deg(online->field + 3 * first, (size_t)count, online->latest + 3) > GROUP_TURN_DEG;
-    if (count < LARGE_GROUP && !is_turned) return 0;
+    if (count < LARGE_GROUP_READINGS && !is_turned) return 0;
     if (online->is_level && !is_turned) { /* straight on: heel and slope look like an offset */
         online->kept = first;
         return 0;
@@ -444,7 +444,7 @@ static real height_sigma_of(const flinders_online *online, real mean)
 static int is_straight(const flinders_online *online)
 {
     real lowest[3], highest[3], extent = 0;
-    if (online->kept < 2 * LARGE_GROUP) return 0;
+    if (online->kept < 2 * LARGE_GROUP_READINGS) return 0;
     for (int row = 0; row < online->kept; row++)
         for (int axis = 0; axis < 3; axis++) {
             const real x = online->field[3 * row + axis];
@@ -454,7 +454,7 @@ static int is_straight(const flinders_online *online)
     for (int axis = 0; axis < 3; axis++)
         extent = highest[axis] - lowest[axis] > extent ? highest[axis] - lowest[axis] : extent;
     const real shape[6] = {extent / 2, extent / 2, extent / 2, 0, 0, 0};
-    return !(flinders_turn_deg(online->field + 3 * (online->kept - LARGE_GROUP), LARGE_GROUP, shape) > GROUP_TURN_DEG);
+    return !(flinders_turn_deg(online->field + 3 * (online->kept - LARGE_GROUP_READINGS), LARGE_GROUP_READINGS, shape) > GROUP_TURN_DEG);
 }
 
 /* Compute a first calibration. */
@@ -464,9 +464,9 @@ static int32_t begin_to_know(flinders_online *online, const fl_lent *memory)
     flinders_record record;
     flinders_request request;
     flinders_judgement judgement;
-    if (online->kept < FEWEST || online->kept % STEP) return 0;
+    if (online->kept < MIN_BLOCK_READINGS || online->kept % READINGS_PER_STEP) return 0;
     if (is_straight(online)) {
-        online->kept -= LARGE_GROUP;
+        online->kept -= LARGE_GROUP_READINGS;
         return 0;
     }
     flinders_default_options(&options);
@@ -475,7 +475,7 @@ static int32_t begin_to_know(flinders_online *online, const fl_lent *memory)
     request.target_deg = online->target_deg;
     if (flinders_fit(online->field, online->time, (size_t)online->kept, &options, memory->at, memory->size, &record) ||
         flinders_judge(&record, &request, &judgement)) return 0;
-    if (judgement.verdict >= FLINDERS_REFUSES || !(judgement.worst_deg < LEARNT * online->target_deg)) return 0;
+    if (judgement.verdict >= FLINDERS_REFUSES || !(judgement.worst_deg < MAX_FIRST_CLAIM_RATIO * online->target_deg)) return 0;
     real parameters[9];
     if (record.plane && online->now - online->began < LEVEL_S) return 0;
     online->is_level = record.plane != 0, online->height = online->height_now = record.mean[2];
@@ -508,9 +508,9 @@ static void forget_direction(flinders_online *online)
  * offset. */
 static int is_heeled(flinders_online *online)
 {
-    const real usual = HEELED * online->height_sigma, least = 2 * LARGE * fl_mean_radius(online->latest);
+    const real usual = MAX_HEIGHT_SIGMAS * online->height_sigma, least = 2 * MIN_CONTRADICTION_SHARE * fl_mean_radius(online->latest);
     const real off = online->sum[2] / (real)online->averaged - online->height_now, most = usual > least ? usual : least;
-    online->height_now += (off > most ? most : off < -most ? -most : off) / HEIGHTS;
+    online->height_now += (off > most ? most : off < -most ? -most : off) / AVERAGED_HEIGHTS;
     return fl_abs(off) > most;
 }
 
@@ -524,8 +524,8 @@ static int32_t keep(flinders_online *online, int is_still, const fl_lent *memory
     }
     if (online->kept == FL_EVIDENCE) {
 #ifdef FLINDERS_SMALL
-        const int is_long = online->time[FL_EVIDENCE - 1] - online->time[0] > FULL_S && online->state == FLINDERS_UNDISTURBED;
-        if (online->tested > FEWEST_COMPARED && !is_long) thin(online);
+        const int is_long = online->time[FL_EVIDENCE - 1] - online->time[0] > MIN_FULL_BLOCK_S && online->state == FLINDERS_UNDISTURBED;
+        if (online->tested > MIN_COMPARED_READINGS && !is_long) thin(online);
         else
 #endif
         if (online->state == FLINDERS_UNDISTURBED) close_block(online, memory);
@@ -552,25 +552,25 @@ static void end_block(flinders_online *online, real time, const fl_lent *memory)
     if (time - online->time[online->kept - 1] > GAP_S || time - online->time[0] > BLOCK_S) close_block(online, memory);
 }
 
-/* Move the offset where it has moved at once: of the four newest readings the first two are alike, and the last two are, much
- * more than the two halves. Nothing passes so fast, and nobody turns; what moves back is seen again. */
+/* Move the offset if it jumped: of the four newest readings the first two are alike, and the last two are, much more
+ * than both halves. No disturbance passes and nobody turns so fast; a jump back is detected again. */
 static int32_t jump(flinders_online *online, const real x[3], real time, const fl_lent *memory)
 {
     real *const at = online->newest_at, steps[3] = {0}, d[3];
     memmove(online->newest, online->newest + 3, 9 * sizeof(real)), memmove(at, at + 1, 3 * sizeof(real));
     memcpy(online->newest + 9, x, 3 * sizeof *x), at[3] = time;
     const real before = at[1] - at[0], after = at[3] - at[2];
-    if (!(at[3] - at[0] < AT_ONCE_S) || at[2] - at[1] > AS_SOON * (before > after ? before : after)) return 0;
+    if (!(at[3] - at[0] < MAX_JUMP_SPAN_S) || at[2] - at[1] > MAX_INTERVAL_RATIO * (before > after ? before : after)) return 0;
     for (int k = 0; k < 3; k++)
         for (int axis = 0; axis < 3; axis++) {
             const real step = online->newest[3 * k + 3 + axis] - online->newest[3 * k + axis];
             steps[k] += step * step;
         }
-    const real usual = online->step, least = LARGE * fl_mean_radius(online->latest);
-    online->step += ((steps[0] < FAR * usual ? steps[0] : FAR * usual) - usual) / STEPS;
+    const real usual = online->step, least = MIN_CONTRADICTION_SHARE * fl_mean_radius(online->latest);
+    online->step += ((steps[0] < MAX_GROUP_WEIGHT * usual ? steps[0] : MAX_GROUP_WEIGHT * usual) - usual) / AVERAGED_STEPS;
     if (!(online->step > 0)) online->step = steps[0];
-    if (online->state == FLINDERS_LEARNING || !(steps[1] > JUMP * JUMP * usual && steps[1] > 4 * least * least) ||
-        !(steps[0] < CALM * CALM * steps[1] && steps[2] < CALM * CALM * steps[1])) return 0;
+    if (online->state == FLINDERS_LEARNING || !(steps[1] > MIN_JUMP_RATIO * MIN_JUMP_RATIO * usual && steps[1] > 4 * least * least) ||
+        !(steps[0] < MAX_CALM_RATIO * MAX_CALM_RATIO * steps[1] && steps[2] < MAX_CALM_RATIO * MAX_CALM_RATIO * steps[1])) return 0;
     for (int axis = 0; axis < 3; axis++)
         d[axis] = (online->newest[6 + axis] + online->newest[9 + axis] - online->newest[axis] - online->newest[3 + axis]) / 2;
     if (online->kept && online->state == FLINDERS_UNDISTURBED) close_block(online, memory);
@@ -578,7 +578,7 @@ static int32_t jump(flinders_online *online, const real x[3], real time, const f
         online->latest[i] += d[i], online->known[i] += d[i];
         if (i == 2) online->height += d[i], online->height_now += d[i];
         for (int j = 0; j < 3; j++) {
-            const real unknown = (i == j ? usual + CALM * CALM * CALM * steps[1] : 0);
+            const real unknown = (i == j ? usual + MAX_CALM_RATIO * MAX_CALM_RATIO * MAX_CALM_RATIO * steps[1] : 0);
             online->latest_covariance[9 * i + j] += unknown, online->known_covariance[9 * i + j] += unknown;
         }
     }
@@ -599,8 +599,8 @@ static int32_t add(flinders_online *online, const real x[3], real time, const fl
         return FLINDERS_CLOCK_BACK;
     }
     const int is_first = !(online->last_at <= time);
-    const int is_turned = is_first || turned_by(online, x, online->last) > TURNED;
-    if (is_turned || time - online->last_at > MOST_TOGETHER_S) {
+    const int is_turned = is_first || turned_by(online, x, online->last) > MIN_TURN_RAD;
+    if (is_turned || time - online->last_at > MAX_AVERAGE_S) {
         if (online->averaged > 0) events = keep(online, !is_turned, memory);
         end_block(online, time, memory);
     }
@@ -615,7 +615,7 @@ static int32_t add(flinders_online *online, const real x[3], real time, const fl
     if (is_turned) {
         memcpy(online->last, x, 3 * sizeof *x);
         online->last_at = time;
-    } else if (time - online->last_at > MOST_TOGETHER_S) return events; /* it stands still: this direction is there */
+    } else if (time - online->last_at > MAX_AVERAGE_S) return events; /* it stands still: this direction is there */
     for (int axis = 0; axis < 3; axis++) online->sum[axis] += x[axis];
     online->sum_time += time, online->averaged++;
     return events;
@@ -635,7 +635,7 @@ void flinders_online_begin(flinders_online *online)
     memcpy(online->rates, fl_probable_rates, sizeof online->rates);
     memcpy(online->probable_rates, fl_probable_rates, sizeof online->probable_rates);
     online->expected_walk = online->expected_walk_sigma = FL_NOT_A_NUMBER;
-    online->scatter = SCATTER, online->place = PLACE;
+    online->scatter = PRIOR_SCATTER, online->place = PRIOR_PLACE_SIGMA;
     clear_doubt(online);
 }
 
@@ -696,13 +696,13 @@ int flinders_online_claim_at(const flinders_online *online, real time, flinders_
         return FLINDERS_UNDETERMINED;
     real *const covariance = claim->covariance;
     const real unseen = fl_unseen_moves(online, time - online->now);
-    const real back = online->moved_at <= time ? BACK * fl_exp(-(time - online->moved_at) / BACK_S) : 0;
+    const real back = online->moved_at <= time ? REVERSAL_PROBABILITY * fl_exp(-(time - online->moved_at) / REVERSAL_TIME_S) : 0;
     memcpy(covariance, online->latest_covariance, sizeof claim->covariance);
     fl_age(online, online->latest, time - online->latest_at, covariance);
-    const real lean = online->is_level ? LEAN * online->height_sigma * fl_abs(fl_sin(online->dip_deg / FL_TO_DEG) / fl_cos(online->dip_deg / FL_TO_DEG)) : 0;
+    const real lean = online->is_level ? HEADING_TILT_SHARE * online->height_sigma * fl_abs(fl_sin(online->dip_deg / FL_TO_DEG) / fl_cos(online->dip_deg / FL_TO_DEG)) : 0;
     for (int i = 0; i < 3; i++) covariance[10 * i] += unseen + (i < 2 ? lean * lean : 0);
     for (int i = 0; i < 9; i++)
-        covariance[9 * (i / 3) + i % 3] += EITHER * online->apart[i / 3] * online->apart[i % 3] + online->apart_covariance[i] +
+        covariance[9 * (i / 3) + i % 3] += CHANGE_PROBABILITY * online->apart[i / 3] * online->apart[i % 3] + online->apart_covariance[i] +
                                            back * online->moved[i / 3] * online->moved[i % 3];
     fl_level_errors(&surface, covariance, online->dip_deg, &rms, &claim->latest_deg);
     for (int i = 0; i < FL_PARAMETERS; i++)
@@ -723,7 +723,7 @@ int flinders_online_claim_at(const flinders_online *online, real time, flinders_
 real flinders_online_good_s(const flinders_online *online)
 {
     flinders_online_claim claim;
-    real low = 0, high = LONGEST_S;
+    real low = 0, high = MAX_PREDICTION_S;
     if (!(online->now > -FL_HUGE) || flinders_online_claim_at(online, online->now, &claim)) return FL_NOT_A_NUMBER;
     if (!(claim.worst_deg <= online->target_deg)) return FL_NOT_A_NUMBER;
     flinders_online_claim_at(online, online->now + high, &claim);

@@ -42,7 +42,7 @@ class Online(Library):
         )
 
     def online_expect_walk(self, online: Records, walk: float, log_sigma: float) -> None:
-        """Set the rate of the offset's random walk, in its unit per root hour, and 1 σ of its natural logarithm."""
+        """Set the expected rate of the offset's random walk, per root hour, and 1 σ of the rate's natural logarithm."""
         self._require(self._library.flinders_online_expect_walk(online, walk, log_sigma))
 
     def online_add(self, online: Records, field: Floats, time: Floats) -> tuple[int, int]:
@@ -67,7 +67,7 @@ class Online(Library):
         return claim
 
     def online_good_s(self, online: Records) -> float:
-        """Time in s for which the claim stays within the target; NaN if it is above, infinite beyond ten years."""
+        """Time in s for which the claim meets the target; NaN if it does not now, infinite beyond ten years."""
         return float(self._library.flinders_online_good_s(online))
 
     def online_activate_latest(self, online: Records) -> None:

@@ -2,17 +2,17 @@
  * body, through 42 waypoints. flinders.heading.path_planning says how. */
 #include "residuals.h"
 
-enum { CORNERS = 12, NODES = 42, NEIGHBOURS = 6, STEPS = 6, BEAM = 24, WALKS = BEAM * NEIGHBOURS, EVERYWHERE = 50,
-       BETWEEN = 4, /* places at which the readings of an arc are looked at */
-       ENTRIES = 45, THINNED = 400 };
+enum { CORNERS = 12, NODES = 42, NEIGHBOURS = 6, STEPS = 6, BEAM = 24, MAX_STEPS_TRIED = BEAM * NEIGHBOURS, SPREAD_DIRECTIONS = 50,
+       PLACES_PER_ARC = 4, /* places of an arc at which readings are assumed */
+       ENTRIES = 45, MAX_READINGS = 400 };
 
-#define NEAREST_DEG ((real)15) /* how far off the first waypoint may be */
-#define FARTHEST_DEG ((real)60)
-#define NEIGHBOUR_DEG ((real)40) /* waypoints that are nearer are neighbours */
-#define DEPARTURE ((real)0.3)  /* standard deviation of what soft iron does to a sphere, of its radius */
-#define ARC_DEG ((real)60)     /* an arc that is shorter does not tell where its centre is */
-#define FLAT ((real)0.12)      /* of the widest spread: an axis of less tells nothing of the centre */
-#define ROUGHEST ((real)0.01)  /* of the radius: no arc is trusted to be rounder */
+#define MIN_WAYPOINT_DEG ((real)15) /* smallest and largest angle to the first waypoint */
+#define MAX_WAYPOINT_DEG ((real)60)
+#define MAX_NEIGHBOUR_DEG ((real)40) /* largest angle between neighbouring waypoints */
+#define SHAPE_SIGMA ((real)0.3) /* prior 1 sigma of the shape of a sphere from soft iron, of the radius */
+#define MIN_ARC_DEG ((real)60) /* shortest arc that determines its centre */
+#define MIN_SPREAD_RATIO ((real)0.12) /* smallest ratio of an axis's spread to the widest at which it determines the centre */
+#define MIN_SCATTER_SHARE ((real)0.01) /* smallest scatter about an arc that is assumed, of the radius */
 
 /* The waypoints: corners of an icosahedron and the middles of its edges; of each its neighbours, −1 behind the last. */
 typedef struct {
@@ -60,7 +60,7 @@ static int make_unit(real vector[3])
 /* Fill in the waypoints. */
 static void lay_out(graph *waypoints)
 {
-    const real golden = (1 + fl_sqrt((real)5)) / 2, edge = (real)0.4, near = fl_cos(NEIGHBOUR_DEG / FL_TO_DEG);
+    const real golden = (1 + fl_sqrt((real)5)) / 2, edge = (real)0.4, near = fl_cos(MAX_NEIGHBOUR_DEG / FL_TO_DEG);
     real (*const nodes)[3] = waypoints->nodes;
     int count = 0;
     for (int turn = 0; turn < 3; turn++)
@@ -94,9 +94,9 @@ static real angle_between(const real a[3], const real b[3])
 /* Lower a covariance by the readings along the great circle from one direction to another. */
 static void walk_along(const plan *way, const real from[3], const real to[3], real covariance[81])
 {
-    const real angle = angle_between(from, to), variance = way->variance_deg * BETWEEN / (angle * FL_TO_DEG);
-    for (int place = 0; place < BETWEEN; place++) {
-        const real share = ((real)place + (real)0.5) / BETWEEN;
+    const real angle = angle_between(from, to), variance = way->variance_deg * PLACES_PER_ARC / (angle * FL_TO_DEG);
+    for (int place = 0; place < PLACES_PER_ARC; place++) {
+        const real share = ((real)place + (real)0.5) / PLACES_PER_ARC;
         const real back = fl_sin((1 - share) * angle) / fl_sin(angle), ahead = fl_sin(share * angle) / fl_sin(angle);
         real direction[3], jacobian[9], lever[9];
         for (int i = 0; i < 3; i++) direction[i] = back * from[i] + ahead * to[i];
@@ -107,7 +107,7 @@ static void walk_along(const plan *way, const real from[3], const real to[3], re
     }
 }
 
-/* Variances of what is wanted, the largest of which is returned. */
+/* Variances of the predictions; returns the largest. */
 static real worst_of(const plan *way, const real covariance[81], real variances[FL_HEADINGS])
 {
     real worst = 0;
@@ -150,7 +150,7 @@ static int begin(const plan *way, const real now[81], step *steps)
     int count = 0;
     for (int node = 0; node < NODES; node++) {
         const real angle = FL_TO_DEG * angle_between(way->waypoints.nodes[node], way->start);
-        if (angle > NEAREST_DEG && angle < FARTHEST_DEG) steps[count++] = scored(way, now, NULL, 0, node);
+        if (angle > MIN_WAYPOINT_DEG && angle < MAX_WAYPOINT_DEG) steps[count++] = scored(way, now, NULL, 0, node);
     }
     return count;
 }
@@ -170,7 +170,7 @@ static int extend(const plan *way, const walk *walks, int count, step *steps)
     return found;
 }
 
-/* The step with the smallest number, of those that are alike the first; −1 where all are NaN. */
+/* The step with the smallest number of equally good ones; −1 if all are NaN. */
 static int least_of(const step *steps, int count, int is_worst)
 {
     int best = -1;
@@ -207,11 +207,11 @@ static void place(const plan *way, const walk *walks, const step *last, flinders
     route->worst_deg = FL_TO_DEG * fl_sqrt(way->most), route->after_deg = FL_TO_DEG * fl_sqrt(last->worst);
 }
 
-/* Find the walk that brings the largest variance below a target soonest, or nearest to it; nonzero where all are NaN. */
+/* Find the path that brings the largest variance below a target soonest, or nearest to it; nonzero if all are NaN. */
 static int search(const plan *way, const real now[81], real target, flinders_route *route)
 {
     walk beams[2][BEAM], *walks = NULL;
-    step steps[WALKS];
+    step steps[MAX_STEPS_TRIED];
     int count = begin(way, now, steps);
     for (int taken = 1;; taken++) {
         const int nearest = least_of(steps, count, 1);
@@ -229,22 +229,22 @@ static int search(const plan *way, const real now[81], real target, flinders_rou
 }
 
 /* Directions spread evenly over the sphere. */
-static void spread_evenly(real directions[EVERYWHERE][3])
+static void spread_evenly(real directions[SPREAD_DIRECTIONS][3])
 {
-    for (int k = 0; k < EVERYWHERE; k++) {
-        const real place = (real)k + (real)0.5, z = 1 - 2 * place / EVERYWHERE, across = fl_sqrt(1 - z * z);
+    for (int k = 0; k < SPREAD_DIRECTIONS; k++) {
+        const real place = (real)k + (real)0.5, z = 1 - 2 * place / SPREAD_DIRECTIONS, across = fl_sqrt(1 - z * z);
         const real longitude = FL_PI * (1 + fl_sqrt((real)5)) * place;
         directions[k][0] = across * fl_cos(longitude), directions[k][1] = across * fl_sin(longitude), directions[k][2] = z;
     }
 }
 
-/* Fill in the weights of a goal; nonzero where its dip, or what is down, is none. */
+/* Fill in the weights of a goal; nonzero for an invalid dip or down direction. */
 static int weigh(const fl_surface *surface, const flinders_goal *goal, plan *way)
 {
     fl_wanted wanted;
-    real everywhere[EVERYWHERE][3];
+    real everywhere[SPREAD_DIRECTIONS][3];
     spread_evenly(everywhere);
-    const int status = fl_wanted_of(surface, goal, (const real(*)[3])everywhere, EVERYWHERE, &wanted);
+    const int status = fl_wanted_of(surface, goal, (const real(*)[3])everywhere, SPREAD_DIRECTIONS, &wanted);
     if (status) return status;
     way->wanted = wanted.count;
     for (int i = 0, entry = 0; i < 9; i++)
@@ -280,11 +280,11 @@ int flinders_path(const flinders_belief *belief, const flinders_goal *goal, cons
     return search(&way, belief->covariance, target * target, route);
 }
 
-/* Take up to 400 readings, evenly spaced, about their mean and in units of the farthest; returns that unit, 0 where all are
- * alike. */
-static real thin(const real *field, size_t rows, real local[THINNED][3], int *count, real mean[3])
+/* Take up to 400 readings, evenly spaced, relative to their mean and in units of the farthest; returns this unit, 0
+ * if all are equal. */
+static real thin(const real *field, size_t rows, real local[MAX_READINGS][3], int *count, real mean[3])
 {
-    const size_t stride = (rows + THINNED - 1) / THINNED;
+    const size_t stride = (rows + MAX_READINGS - 1) / MAX_READINGS;
     real scale = 0;
     *count = 0;
     for (int i = 0; i < 3; i++) mean[i] = 0;
@@ -311,7 +311,7 @@ static real centre_of(const real (*places)[3], int count, real centre[3])
     for (int k = 0; k < count; k++)
         for (int i = 0; i < 9; i++) axes[i] += places[k][i / 3] * places[k][i % 3] / (real)count;
     fl_eigen(axes, 3, values);
-    for (int axis = 0; axis < 3; axis++) spread += values[axis] > FLAT * FLAT * values[2];
+    for (int axis = 0; axis < 3; axis++) spread += values[axis] > MIN_SPREAD_RATIO * MIN_SPREAD_RATIO * values[2];
     for (int i = 0; i < 3; i++) centre[i] = 0;
     if (spread < 2) return 0;
     for (int axis = 3 - spread; axis < 3; axis++) {
@@ -347,13 +347,13 @@ static real scatter_about(const real centre[3], real radius, real (*places)[3], 
             const real cosine = dot(places[k], places[other]);
             least = cosine < least ? cosine : least;
         }
-    return least > fl_cos(ARC_DEG / FL_TO_DEG) ? FL_NOT_A_NUMBER : sum;
+    return least > fl_cos(MIN_ARC_DEG / FL_TO_DEG) ? FL_NOT_A_NUMBER : sum;
 }
 
 /* Put a sphere through readings. */
 int flinders_rough(const real *field, size_t rows, flinders_belief *belief)
 {
-    real places[THINNED][3], mean[3], centre[3], information[81] = {0};
+    real places[MAX_READINGS][3], mean[3], centre[3], information[81] = {0};
     int count;
     fl_surface surface;
     const real scale = thin(field, rows, places, &count, mean);
@@ -364,13 +364,13 @@ int flinders_rough(const real *field, size_t rows, flinders_belief *belief)
     if (!isfinite(scale)) return FLINDERS_NOT_FINITE;
     const real radius = scale > 0 ? centre_of((const real(*)[3])places, count, centre) : 0;
     if (!(radius > 0)) return FLINDERS_UNDETERMINED;
-    const real scatter = scatter_about(centre, radius, places, count), least = ROUGHEST * radius * (ROUGHEST * radius);
+    const real scatter = scatter_about(centre, radius, places, count), least = MIN_SCATTER_SHARE * radius * (MIN_SCATTER_SHARE * radius);
     if (isnan(scatter)) return FLINDERS_UNDETERMINED;
     const real variance = scatter > least ? scatter : least, length = scale * radius;
     for (int i = 0; i < 6; i++) belief->shape[i] = i < 3 ? length : 0;
     for (int i = 0; i < 3; i++) belief->centre[i] = mean[i] + scale * centre[i];
     if (fl_surface_of(belief->centre, belief->shape, &surface)) return FLINDERS_OUT_OF_SCALE;
-    for (int i = 0; i < 9; i++) information[10 * i] = i < 3 ? 1 : 1 / (DEPARTURE * DEPARTURE);
+    for (int i = 0; i < 9; i++) information[10 * i] = i < 3 ? 1 : 1 / (SHAPE_SIGMA * SHAPE_SIGMA);
     for (int k = 0; k < count; k++) {
         real jacobian[9];
         fl_jacobian(&surface, places[k], jacobian);

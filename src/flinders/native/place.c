@@ -7,25 +7,25 @@
  */
 #include "residuals.h"
 
-enum { SIZES = 7, TAKEN = 200 }; /* readings, evenly over the recording, that its scatter is taken over */
+enum { SIZE_COUNT = 7, MAX_READINGS = 200 }; /* readings, evenly over the recording, that its scatter is taken over */
 
-#define SMOOTH (FL_PI / 6) /* standard deviation of the angle within which it is alike */
-#define THIN ((real)0.06)  /* least variance of directions along an axis from which on they are spread; all alike have 1/3 */
+#define ANGLE_SIGMA_RAD (FL_PI / 6) /* standard deviation of the angle within which the field is alike */
+#define MIN_DIRECTION_VARIANCE ((real)0.06) /* variance of directions along an axis from which they count as spread; uniform ones have 1/3 */
 
-/* What is thought of its standard deviation beforehand, a share of the field, and how probable each is. */
-static const real SHARES[SIZES] = {0, (real)0.0005, (real)0.001, (real)0.002, (real)0.004, (real)0.008, (real)0.016};
-static const real PROBABLE[SIZES] = {(real)0.02, (real)0.13, (real)0.2, (real)0.25, (real)0.25, (real)0.1, (real)0.05};
+/* Possible standard deviations of the field, as shares of it, and their prior probabilities. */
+static const real SHARES[SIZE_COUNT] = {0, (real)0.0005, (real)0.001, (real)0.002, (real)0.004, (real)0.008, (real)0.016};
+static const real PRIOR_PROBABILITIES[SIZE_COUNT] = {(real)0.02, (real)0.13, (real)0.2, (real)0.25, (real)0.25, (real)0.1, (real)0.05};
 
 /* How alike it is in two directions. */
 real fl_alike(const real a[3], const real b[3])
 {
     real cosine = a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
     cosine = cosine > 1 ? 1 : cosine < -1 ? -1 : cosine;
-    const real angle = fl_acos(cosine) / SMOOTH;
+    const real angle = fl_acos(cosine) / ANGLE_SIGMA_RAD;
     return fl_exp(-angle * angle / 2);
 }
 
-/* Least variance of the directions along an axis; of those in one plane, as of readings that were laid flat, within it. */
+/* Smallest variance of the directions along an axis; for readings in one plane, within the plane. */
 static real thickness(const fl_residuals *residuals)
 {
     real mean[3], axes[9], values[3];
@@ -46,18 +46,18 @@ static real thickness(const fl_residuals *residuals)
 /* Its expected variance, unit squared, where directions are few; else 0. */
 real fl_expected_variation(const fl_residuals *residuals, const fl_surface *surface, const fl_room *room)
 {
-    real autocovariance[FL_LAGS], ratios[SIZES], likelihoods[SIZES], most, sum = 0, mean = 0;
-    if (thickness(residuals) > THIN) return 0;
+    real autocovariance[FL_LAGS], ratios[SIZE_COUNT], likelihoods[SIZE_COUNT], most, sum = 0, mean = 0;
+    if (thickness(residuals) > MIN_DIRECTION_VARIANCE) return 0;
     const real time = fl_time_of(autocovariance, fl_autocovariance(residuals, autocovariance));
-    for (int i = 0; i < SIZES; i++) {
+    for (int i = 0; i < SIZE_COUNT; i++) {
         const real size = SHARES[i] * surface->radius;
         ratios[i] = size * size / autocovariance[0];
     }
-    fl_likelihoods_of_variation(residuals, surface, time, ratios, SIZES, room, likelihoods);
+    fl_likelihoods_of_variation(residuals, surface, time, ratios, SIZE_COUNT, room, likelihoods);
     most = likelihoods[0];
-    for (int i = 1; i < SIZES; i++) most = likelihoods[i] > most ? likelihoods[i] : most;
-    for (int i = 0; i < SIZES; i++) {
-        const real weight = PROBABLE[i] * fl_pow(2, likelihoods[i] - most);
+    for (int i = 1; i < SIZE_COUNT; i++) most = likelihoods[i] > most ? likelihoods[i] : most;
+    for (int i = 0; i < SIZE_COUNT; i++) {
+        const real weight = PRIOR_PROBABILITIES[i] * fl_pow(2, likelihoods[i] - most);
         sum += weight, mean += weight * SHARES[i] * SHARES[i];
     }
     return mean / sum * surface->radius * surface->radius;
@@ -66,8 +66,8 @@ real fl_expected_variation(const fl_residuals *residuals, const fl_surface *surf
 /* Add the scatter of Σ J s over `used` readings where s varies so, with a variance. */
 void fl_scatter_of_variation(const fl_residuals *residuals, real variance, size_t used, real scatter[81])
 {
-    real directions[TAKEN][3], rows[TAKEN][9];
-    const size_t n = residuals->n < TAKEN ? residuals->n : TAKEN;
+    real directions[MAX_READINGS][3], rows[MAX_READINGS][9];
+    const size_t n = residuals->n < MAX_READINGS ? residuals->n : MAX_READINGS;
     const real share = (real)used / (real)n, factor = variance * share * share;
     for (size_t k = 0; k < n; k++) {
         const size_t i = k * residuals->n / n;

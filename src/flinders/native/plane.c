@@ -1,11 +1,11 @@
 /* Whether readings lie in one plane, as those of a level turn do. */
 #include "record.h"
 
-enum { TRIMS = 3,       /* how often the readings farthest from their plane are left out */
-       FEWEST_LEFT = 20 }; /* readings that show a plane */
+enum { TRIMS = 3,       /* rounds in which the readings farthest from their plane are left out */
+       MIN_READINGS = 20 }; /* smallest number of readings that determine a plane */
 
-#define TRIMMED ((real)0.03)  /* share of the readings that is left out each time */
-#define UPRIGHT ((real)0.8660254037844387) /* of z across the plane: about another axis x and y make no heading, 30 degrees */
+#define TRIM_SHARE ((real)0.03) /* share of the readings that is left out each time */
+#define MIN_UPRIGHT_COSINE ((real)0.8660254037844387) /* smallest component of z perpendicular to the plane, 30 degrees: else x and y give no heading */
 
 /* Covariance of readings about their mean, times so many. */
 static void scatter(const real *field, size_t n, real mean[3], real products[9])
@@ -18,7 +18,7 @@ static void scatter(const real *field, size_t n, real mean[3], real products[9])
         for (int i = 0; i < 9; i++) products[i] += (at[i / 3] - mean[i / 3]) * (at[i % 3] - mean[i % 3]);
 }
 
-/* Leave out the readings farthest from their plane; how many remain. */
+/* Leave out the readings farthest from their plane; returns the number that remains. */
 static size_t trim(real *field, size_t n, real *across, real *sorted)
 {
     real mean[3], axes[9], values[3];
@@ -30,7 +30,7 @@ static size_t trim(real *field, size_t n, real *across, real *sorted)
         for (int axis = 0; axis < 3; axis++) off += (field[3 * i + (size_t)axis] - mean[axis]) * axes[3 * axis];
         across[i] = sorted[i] = fl_abs(off);
     }
-    const real limit = fl_select(sorted, n, (size_t)((1 - TRIMMED) * (real)(n - 1)));
+    const real limit = fl_select(sorted, n, (size_t)((1 - TRIM_SHARE) * (real)(n - 1)));
     for (size_t i = 0; i < n; i++)
         if (across[i] <= limit) memmove(field + 3 * kept++, field + 3 * i, 3 * sizeof *field);
     return kept;
@@ -58,7 +58,7 @@ int flinders_is_level(const real covariance[6], real noise, real within)
     fl_eigen(axes, 3, values);
     const real thickness = values[0] > 0 ? fl_sqrt(values[0]) : 0, width = values[2] > 0 ? fl_sqrt(values[2]) : 0;
     const real noisy = within * noise, flat = FL_FLAT * width > noisy ? FL_FLAT * width : noisy;
-    return thickness < (FL_FLATTEST * width < flat ? FL_FLATTEST * width : flat) && fl_abs(axes[6]) > UPRIGHT;
+    return thickness < (FL_FLATTEST * width < flat ? FL_FLATTEST * width : flat) && fl_abs(axes[6]) > MIN_UPRIGHT_COSINE;
 }
 
 /* Covariance of the readings within a limit of a surface, without those farthest from their plane: a few outliers always lie
@@ -71,7 +71,7 @@ void fl_inlier_covariance(const fl_kernels *kernels, const fl_view *view, const 
     for (int i = 0; i < 6; i++) covariance[i] = FL_NOT_A_NUMBER;
     kernels->distances(&all, surface, room->distances);
     for (size_t row = 0; row < view->rows; row++) near += fl_abs(room->distances[row]) <= limit;
-    if (near < FEWEST_LEFT) return;
+    if (near < MIN_READINGS) return;
     const size_t stride = (near + FL_ENOUGH - 1) / FL_ENOUGH;
     for (size_t row = 0; row < view->rows; row++)
         if (fl_abs(room->distances[row]) <= limit && count++ % stride == 0)

@@ -1,7 +1,7 @@
 /* Statistics of a recording before a fit: repeats, saturation, time stamps, distinct readings. */
 #include "record.h"
 
-enum { PARTS = 19, BETWEEN = 24, /* numbers between two columns, which then share no lines of a cache */
+enum { PARTS = 19, COLUMN_PADDING = 24, /* numbers between two columns, which then share no lines of a cache */
        RAIL_COUNT = 8, RAIL_CONTRAST = 3 }; /* as in summary/quality.py */
 #define RAIL_SHARE ((real)0.01)
 #define RAIL_WIDTH ((real)0.25)
@@ -15,7 +15,7 @@ static void sizes_of(size_t rows, size_t sizes[PARTS])
     const size_t looked = rows < FL_LOOKED ? rows : FL_LOOKED;
     const size_t some = rows < FL_ENOUGH ? rows : FL_ENOUGH;
     sizes[0] = rows * sizeof(real), sizes[1] = rows * sizeof(real);
-    sizes[2] = FL_COLUMNS * (looked + BETWEEN) * sizeof(real), sizes[3] = 2 * some * sizeof(uint32_t);
+    sizes[2] = FL_COLUMNS * (looked + COLUMN_PADDING) * sizeof(real), sizes[3] = 2 * some * sizeof(uint32_t);
     sizes[4] = sizes[5] = sizes[6] = rows;
     sizes[7] = FL_SLOTS * sizeof(uint64_t), sizes[8] = 4 * FL_SLOTS * sizeof(real);
     sizes[9] = (looked + 2) * sizeof(size_t), sizes[10] = FL_TABLE;
@@ -46,7 +46,7 @@ int fl_room_of(void *workspace, size_t size, size_t rows, fl_room *room)
         used = taken(used, sizes[part]);
     }
     room->distances = (real *)(void *)parts[0], room->scratch = (real *)(void *)parts[1];
-    room->columns = (real *)(void *)parts[2], room->apart = (rows < FL_LOOKED ? rows : FL_LOOKED) + BETWEEN;
+    room->columns = (real *)(void *)parts[2], room->apart = (rows < FL_LOOKED ? rows : FL_LOOKED) + COLUMN_PADDING;
     room->order = (uint32_t *)(void *)parts[3];
     room->rejected = parts[4], room->far = parts[5], room->passed = parts[6];
     room->keys = (uint64_t *)(void *)parts[7], room->cells = (real *)(void *)parts[8];
@@ -146,7 +146,7 @@ static void clock_of(const real *time, size_t rows, flinders_record *record)
     record->end = last, record->longest_step = longest, record->backward_steps = backward;
 }
 
-/* How readings at the ends of the axes range, and how many there are. */
+/* Range of readings at the ends of the axes, and their number. */
 typedef struct {
     real low[6][3], high[6][3];
 } at_ends;
@@ -165,7 +165,7 @@ static void count_ends(const real reading[3], flinders_record *record, at_ends *
     }
 }
 
-/* Whether so many readings share the end of an axis, far apart along the others, that it is a rail or a coarse step. */
+/* Whether readings share the end of an axis and differ along the others, so that it is a rail or a coarse step. */
 static int is_shared(int end, const at_ends *there, const flinders_record *record)
 {
     const int64_t count = record->end_counts[end];

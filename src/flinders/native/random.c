@@ -25,7 +25,7 @@ static uint32_t half_bits(fl_random *random)
     return (uint32_t)bits;
 }
 
-/* A whole number from 0 to `most`, which is above 0, by leaving out what is larger. */
+/* A whole number from 0 to `most`, without bias: larger draws are left out. */
 static uint32_t at_most(fl_random *random, uint32_t most)
 {
     uint32_t mask = most, value;

@@ -10,14 +10,14 @@
 #include "judge.h"
 #include "residuals.h"
 
-enum { SHAPE = 6, FEWEST = 20 /* readings */ };
+enum { SHAPE = 6, MIN_READINGS = 20 /* readings */ };
 
-#define LEAST_TURN_DEG ((real)5)    /* noise of a hundredth of the field reaches 2.3° in a thousand readings */
+#define MIN_TURN_DEG ((real)5) /* noise of a hundredth of the field reaches 2.3° in a thousand readings */
 #define STRENGTH_SIGMA ((real)0.01) /* of the strength of the field, at places 100 km apart, ground and buildings at each */
 #define SHAPE_SIGMA ((real)0.02)    /* of the radius, for each entry of a shape without a covariance */
-#define FINEST_SHAPE ((real)1e-4)   /* of the radius: smallest uncertainty of a shape, even if a method fixes it */
+#define MIN_SHAPE_SIGMA ((real)1e-4) /* of the radius: smallest uncertainty of a shape, even if a method fixes it */
 #define ALLOWED_CHANGE ((real)0.05) /* relative change of soft iron, 1 sigma */
-#define TOLD ((real)0.1)            /* smallest fraction of information from readings on a direction of the shape */
+#define MIN_READINGS_SHARE ((real)0.1) /* smallest fraction of information from readings on a direction of the shape */
 
 /* Index in the covariance (9, 9) of two entries of the shape. */
 static int place_of(int row, int column) { return 9 * (3 + row) + 3 + column; }
@@ -40,7 +40,7 @@ void flinders_earlier_of(const real centre[3], const real shape[6], const real *
                          real strength_ratio, real soft_iron_sigma, flinders_earlier *earlier)
 {
     const real ratio = strength_ratio * strength_ratio, radius = fl_cbrt(fl_sym3_det(shape));
-    const real finest = (FINEST_SHAPE * radius) * (FINEST_SHAPE * radius), unstated = (SHAPE_SIGMA * radius) * (SHAPE_SIGMA * radius);
+    const real finest = (MIN_SHAPE_SIGMA * radius) * (MIN_SHAPE_SIGMA * radius), unstated = (SHAPE_SIGMA * radius) * (SHAPE_SIGMA * radius);
     memset(earlier, 0, sizeof *earlier);
     earlier->distortion = distortion;
     for (int i = 0; i < 3; i++) earlier->parameters[i] = centre[i], earlier->covariance[10 * i] = (real)INFINITY;
@@ -127,7 +127,7 @@ real flinders_soft_iron_p_value(const flinders_earlier *earlier, const real shap
     turned(turn, covariance, found);
     for (int i = 0; i < SHAPE; i++) apart[i] = shape[i] - earlier->parameters[3 + i];
     fl_multiply(turn, apart, SHAPE, SHAPE, 1, moved);
-    while (first < SHAPE && !(shares[first] > TOLD)) first++;
+    while (first < SHAPE && !(shares[first] > MIN_READINGS_SHARE)) first++;
     const int n = SHAPE - first;
     for (int i = 0; i < n; i++)
         for (int j = 0; j < n; j++) {
@@ -154,8 +154,8 @@ static int fit_with(const flinders_earlier *earlier, const real *field, const re
 /* Error of readings that are insufficient for a refresh. */
 static int refused(const real *field, size_t rows, const flinders_earlier *earlier)
 {
-    if (rows < FEWEST) return FLINDERS_TOO_FEW;
-    return flinders_turn_deg(field, rows, earlier->parameters + 3) <= LEAST_TURN_DEG ? FLINDERS_UNMOVED : FLINDERS_OK;
+    if (rows < MIN_READINGS) return FLINDERS_TOO_FEW;
+    return flinders_turn_deg(field, rows, earlier->parameters + 3) <= MIN_TURN_DEG ? FLINDERS_UNMOVED : FLINDERS_OK;
 }
 
 /* Refresh an earlier calibration. */

@@ -1,11 +1,11 @@
 /* Least squares of residuals on terms that stand beside the nine parameters, and how likely chance is to make as much. */
 #include "residuals.h"
 
-enum { FEWEST_INDEPENDENT = 40 };
+enum { MIN_INDEPENDENT = 40 };
 
 static const real STRENGTH[3] = {1, 0, 0}; /* instead of a normal, where the disturbance has one component */
 
-#define DISTINCT ((real)1e-5) /* smallest eigenvalue of a correlation matrix in which terms are told apart */
+#define MIN_DISTINCT_EIGENVALUE ((real)1e-5) /* smallest eigenvalue of a correlation matrix at which terms are distinguished */
 
 /* Rows of the readings of a view. */
 static void places_of(const fl_view *view, uint32_t *out)
@@ -43,12 +43,12 @@ static void leave_out_centre(fl_residuals *residuals)
     residuals->n = n;
 }
 
-/* The readings that are looked at, evenly spaced, with nine derivatives each and the distance, which may be in the room
- * already; none where they are too few. Returns their spacing. */
+/* Readings that are used, evenly spaced, with nine derivatives each and the distance, which may be in the room
+ * already; none if they are too few. Returns their spacing. */
 size_t fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
                         int are_there, fl_residuals *out)
 {
-    enum { FEWEST = 100 };
+    enum { MIN_READINGS = 100 };
     const fl_view all = {view->field, view->rows, view->rejected, 1};
     fl_view some = all;
     real *columns[FL_COLUMNS];
@@ -57,7 +57,7 @@ size_t fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl
     fl_begin_residuals(room, out);
     out->stretches = 1;
     out->places = room->order + (view->rows < FL_ENOUGH ? view->rows : FL_ENOUGH);
-    if (count < FEWEST) return some.stride;
+    if (count < MIN_READINGS) return some.stride;
     fl_all_columns(out, columns);
     out->n = are_there ? count : kernels->columns(&some, surface, 0, columns, out->directions);
     places_of(&some, out->places);
@@ -66,8 +66,8 @@ size_t fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl
     return some.stride;
 }
 
-/* Make columns and distances independent that slow noise correlates: the innovations of a Kalman filter, over their
- * standard deviations. The Jacobian is behind other columns. A reading that is the one before again says nothing. */
+/* Decorrelate columns and distances under slow noise: the innovations of a Kalman filter, over their standard
+ * deviations. The Jacobian is after other columns. A repeated reading has no information. */
 void fl_whiten(fl_residuals *residuals, int before, const fl_slow *slow)
 {
     const int count = residuals->width + 1;
@@ -104,8 +104,8 @@ void fl_whiten(fl_residuals *residuals, int before, const fl_slow *slow)
     residuals->n = residuals->begins[1] = kept;
 }
 
-/* Covariance of a solution, its residuals as they are correlated, from Σ JJᵀ and its inverse. Returns how many of the
- * residuals are independent, beyond those that the terms take. */
+/* Covariance of a solution for correlated residuals, from Σ JJᵀ and its inverse. Returns the number of independent
+ * residuals, minus the terms. */
 real fl_covariance_of_solution(const fl_kernels *kernels, const fl_residuals *residuals, const real *matrix,
                                const real *inverse, real *covariance)
 {
@@ -130,7 +130,7 @@ int fl_is_noisy(const fl_residuals *residuals, const fl_surface *surface)
     return square > least * least * (real)residuals->n;
 }
 
-/* Whether a matrix (n, n) tells its terms apart. */
+/* Whether the terms of a matrix (n, n) can be distinguished. */
 static int is_distinct(const real *matrix, int n)
 {
     real scaled[FL_WIDEST * FL_WIDEST];
@@ -138,13 +138,13 @@ static int is_distinct(const real *matrix, int n)
         for (int b = 0; b < n; b++) {
             const real unit = matrix[(n + 1) * a] * matrix[(n + 1) * b];
             if (!(unit > FL_TINY)) return 0;
-            scaled[n * a + b] = matrix[n * a + b] / fl_sqrt(unit) - (a == b ? DISTINCT : 0);
+            scaled[n * a + b] = matrix[n * a + b] / fl_sqrt(unit) - (a == b ? MIN_DISTINCT_EIGENVALUE : 0);
         }
     return !fl_cholesky(scaled, n);
 }
 
-/* Explain residuals by so many columns of their rows from the first on, from the products of all columns; 0 where the
- * terms cannot be told apart. */
+/* Explain residuals by some columns of their rows, from the products of all columns; 0 if the terms cannot be
+ * distinguished. */
 int fl_regress(const fl_residuals *all, const real *products, int first, int width, fl_regression *out)
 {
     real factor[FL_WIDEST * FL_WIDEST];
@@ -168,14 +168,15 @@ int fl_regress(const fl_residuals *all, const real *products, int first, int wid
     return 1;
 }
 
-/* Share of the readings that are not another one again: so much is a square of their sum worth. */
+/* Share of the readings that are not repeated, by which squares of sums are weighted. */
 static real share_of_distinct(const flinders_record *record)
 {
     const real share = (real)record->fitted_distinct / (real)record->fitted;
     return share < 1 ? share : 1;
 }
 
-/* Σ gᵀM⁻¹g over some of the columns of normal equations (n, n): what these explain of the square of the residuals. */
+/* Σ gᵀM⁻¹g over some of the columns of normal equations (n, n): the part of the squared residuals that these
+ * explain. */
 static real explained(const fl_regression *of, int first, int count)
 {
     const int n = of->left.width;
@@ -199,8 +200,7 @@ static real square_of_terms(const fl_regression *of, int first, int count)
     return more > 0 && of->square > 0 ? more * (real)of->left.n / of->square : 0;
 }
 
-/* Covariance of all terms for residuals that are correlated; returns how many of them are independent, beyond those that
- * the terms take. */
+/* Covariance of all terms for correlated residuals; returns the number of independent ones, minus the terms. */
 static real correlated_covariance(const fl_kernels *kernels, const fl_regression *of, const fl_room *room,
                                   real *covariance)
 {
@@ -245,6 +245,6 @@ real fl_chance_of_terms(const fl_kernels *kernels, const fl_regression *of, int 
     real square, freedom = (real)count, independent = (real)of->left.n - (real)of->left.width;
     if (record->is_white) square = square_of_terms(of, first, count);
     else independent = correlated_square(kernels, of, first, count, room, &square, &freedom);
-    if (!(independent >= FEWEST_INDEPENDENT)) return 2;
+    if (!(independent >= MIN_INDEPENDENT)) return 2;
     return fl_chance_of(square * share_of_distinct(record), freedom, independent);
 }

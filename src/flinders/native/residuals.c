@@ -1,12 +1,12 @@
 /* Autocovariance of residuals, the scatter that it gives the gradient, and blocks that scatter more than it allows. */
 #include "residuals.h"
 
-enum { TAKEN = 20, MEANS = 1200, TOGETHER = 5, FEWEST = 30 };
+enum { MAX_LAGS_TAKEN = 20, MAX_MEANS = 1200, MIN_MEAN_READINGS = 5, MIN_STEPS = 30 };
 
-#define PARTNERS ((real)0.75)
-#define SIGNIFICANT ((real)2)
-#define BY_CHANCE ((real)0.02)
-#define EVENNESS ((real)0.25) /* no direction is wider by less than this share of the mean */
+#define MIN_PAIR_SHARE ((real)0.75)
+#define MIN_CORRELATION_ERRORS ((real)2)
+#define MAX_P_VALUE ((real)0.02)
+#define MIN_WIDTH_SHARE ((real)0.25) /* smallest ratio of a direction's widening to the mean of all */
 
 /* Σ d(i) d(i + lag) within stretches. */
 static real lagged(const fl_residuals *residuals, size_t lag)
@@ -41,11 +41,11 @@ static real mean_of(const real *distances, size_t n)
     return sum / (real)n;
 }
 
-/* Kurtosis of the steps between means of successive residuals: 3 for normal noise, however long it lasts, and more where
- * something comes and goes at once. Not a number for few steps. */
+/* Kurtosis of the steps between means of successive residuals: 3 for normal noise of any duration, and more for
+ * disturbances that switch. Not a number for few steps. */
 real fl_steps_kurtosis(const fl_residuals *residuals)
 {
-    const size_t share = (residuals->n + MEANS - 1) / MEANS, length = share > TOGETHER ? share : TOGETHER;
+    const size_t share = (residuals->n + MAX_MEANS - 1) / MAX_MEANS, length = share > MIN_MEAN_READINGS ? share : MIN_MEAN_READINGS;
     real square = 0, fourth = 0, count = 0;
     for (int stretch = 0; stretch < residuals->stretches; stretch++) {
         const size_t begin = residuals->begins[stretch], end = residuals->begins[stretch + 1];
@@ -57,7 +57,7 @@ real fl_steps_kurtosis(const fl_residuals *residuals)
             count++;
         }
     }
-    return count >= FEWEST && square > 0 ? count * fourth / (square * square) : FL_NOT_A_NUMBER;
+    return count >= MIN_STEPS && square > 0 ? count * fourth / (square * square) : FL_NOT_A_NUMBER;
 }
 
 /* How many lags leave enough readings a partner in their stretch. */
@@ -70,7 +70,7 @@ static size_t longest_lag(const fl_residuals *residuals)
             const size_t length = residuals->begins[stretch + 1] - residuals->begins[stretch];
             partners += length > lag + 1 ? length - lag - 1 : 0;
         }
-        if (!((real)partners >= PARTNERS * (real)residuals->n)) break;
+        if (!((real)partners >= MIN_PAIR_SHARE * (real)residuals->n)) break;
     }
     return lag;
 }
@@ -78,7 +78,7 @@ static size_t longest_lag(const fl_residuals *residuals)
 /* C(0), C(1), ... up to where it sinks into its noise; C(0) alone where residuals are white. Counts them. */
 int fl_autocovariance(const fl_residuals *residuals, real out[FL_LAGS])
 {
-    const real n = (real)residuals->n, zero = lagged(residuals, 0), least = SIGNIFICANT / fl_sqrt(n);
+    const real n = (real)residuals->n, zero = lagged(residuals, 0), least = MIN_CORRELATION_ERRORS / fl_sqrt(n);
     size_t lag = 1;
     out[0] = zero / n;
     if (fl_abs(lagged(residuals, 1)) < least * (zero > FL_TINY ? zero : FL_TINY)) return 1;
@@ -101,12 +101,12 @@ real fl_time_of(const real *autocovariance, int lags)
 }
 
 /* Lags at which products are taken, and their weights: linear between them. Counts them. */
-static int quadrature(const real *autocovariance, int count, int lags[TAKEN], real weights[TAKEN])
+static int quadrature(const real *autocovariance, int count, int lags[MAX_LAGS_TAKEN], real weights[MAX_LAGS_TAKEN])
 {
     const int last = count - 1;
     int n = 0;
-    for (int i = 0; i < TAKEN; i++) {
-        const int lag = i == 0 ? 1 : (int)fl_floor(fl_pow((real)last, (real)i / (TAKEN - 1)) + (real)0.5);
+    for (int i = 0; i < MAX_LAGS_TAKEN; i++) {
+        const int lag = i == 0 ? 1 : (int)fl_floor(fl_pow((real)last, (real)i / (MAX_LAGS_TAKEN - 1)) + (real)0.5);
         if (n == 0 || lag > lags[n - 1]) lags[n] = lag, weights[n++] = 0;
     }
     for (int k = 1, at = 0; k <= last; k++) {
@@ -231,12 +231,12 @@ void fl_raise(real *scatter, const real *white, int n, real share)
 void fl_scatter_in_time(const fl_kernels *kernels, const fl_residuals *residuals, const real *white,
                         const real *autocovariance, int lags, real *scatter)
 {
-    real weights[TAKEN];
-    int taken[TAKEN];
+    real weights[MAX_LAGS_TAKEN];
+    int taken[MAX_LAGS_TAKEN];
     memcpy(scatter, white, (size_t)(residuals->width * residuals->width) * sizeof(real));
     if (lags < 2) return;
     add_lagged(kernels, residuals, taken, weights, quadrature(autocovariance, lags, taken, weights), scatter);
-    fl_raise(scatter, white, residuals->width, EVENNESS);
+    fl_raise(scatter, white, residuals->width, MIN_WIDTH_SHARE);
 }
 
 /* Square of a change (n,) in units of its covariance (n, n), over what that leaves free; counts these directions. */
@@ -270,7 +270,7 @@ real fl_chance_of(real chi_square, real freedom, real others)
     return fl_erfc(normal / (real)1.4142135623730951) / 2;
 }
 
-/* What blocks scatter over what they may, where chance does not explain it; else 1. */
+/* Significant ratio of the scatter of blocks to the expected one; else 1. */
 static real excess(int blocks, int k, real gradients[FL_BLOCKS][9], real shares[FL_BLOCKS][81])
 {
     real taken = 0, found = 0;
@@ -282,7 +282,7 @@ static real excess(int blocks, int k, real gradients[FL_BLOCKS][9], real shares[
     const real expected = (real)k - taken;
     if (!(expected > 0)) return 1;
     const real freedom = fl_floor(expected * expected / taken + (real)0.5);
-    return fl_chance_of(found * expected / taken, freedom, 0) < BY_CHANCE && found > expected ? found / expected : 1;
+    return fl_chance_of(found * expected / taken, freedom, 0) < MAX_P_VALUE && found > expected ? found / expected : 1;
 }
 
 /* Take gradients of blocks to a basis in which a scatter is the unit matrix, and normal matrices to the directions that

@@ -81,7 +81,7 @@ real fl_covariance_of_solution(const fl_kernels *kernels, const fl_residuals *re
                                const real *inverse, real *covariance);
 int fl_is_noisy(const fl_residuals *residuals, const fl_surface *surface);
 
-#define FL_PROVEN ((real)1e-4) /* p-value below which terms of the axes are significant, as BY_CHANCE of systematic.py */
+#define FL_PROVEN ((real)1e-4) /* p-value below which terms of the axes are significant, as MAX_P_VALUE of systematic.py */
 
 void fl_distort(const fl_surface *surface, real error_deg, real dip_deg, flinders_record *record);
 int fl_is_same_throughout(const fl_kernels *kernels, const fl_regression *found, int nine, const fl_room *room,

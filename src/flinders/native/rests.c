@@ -15,14 +15,14 @@ enum { HALF_WINDOW = 2 };
 #endif
 enum { MIN_FITTED = 12,    /* smallest number of readings of a fit, including rests */
        TURN_PER_REST = 20, /* ratio of readings of a turn to rests from which rests are left out */
-       SAMPLED = 256 };    /* number of readings for an estimate of their distances */
+       MAX_SAMPLES = 256 };    /* number of readings for an estimate of their distances */
 
 #define FAR_SHARE ((real)0.95)      /* fraction of readings that are not outliers */
 #define REST_MOVEMENT ((real)0.005) /* largest motion in a rest, over the distance of far readings from the mean */
 #define WINDOW_MOVEMENT ((real)30)  /* ratio of the mean motion of windows outside rests to that */
 #define WINDOW_CAP ((real)2)        /* largest contribution of a window to the mean, over that mean */
 #define MOVING_SHARE ((real)0.05)   /* smallest fraction of windows outside rests */
-#define SPIKE ((real)3)             /* distance of an outlier from the mean of its neighbours, over their distance */
+#define MIN_SPIKE_RATIO ((real)3) /* smallest ratio of the distance of an outlier from the mean of its neighbours to their distance */
 #define REST_SCATTER ((real)0.1)    /* largest noise of a rest, over the distance of far readings */
 #define SAGITTA ((real)0.1)         /* distance of a rest's mean from the surface by motion, over the noise of a reading */
 #define MOVEMENT_SIGMAS ((real)2)   /* apparent motion of a rest by noise, in standard deviations */
@@ -45,7 +45,7 @@ static real square_apart(const real a[3], const real b[3])
 /* Distance from the mean that few readings exceed, from a sample; 0 if they are not finite. Sets the mean. */
 static real far_distance(const real *field, size_t rows, real *scratch, real mean[3])
 {
-    const size_t stride = (rows + SAMPLED - 1) / SAMPLED;
+    const size_t stride = (rows + MAX_SAMPLES - 1) / MAX_SAMPLES;
     size_t n = 0;
     mean[0] = mean[1] = mean[2] = 0;
     for (size_t row = 0; row < rows; row += stride, n++)
@@ -108,7 +108,7 @@ static int has_spike(const fl_rests *rests, size_t begin, size_t end, real varia
         const real *const here = rests->field + 3 * row;
         const real middle[3] = {(here[-3] + here[3]) / 2, (here[-2] + here[4]) / 2, (here[-1] + here[5]) / 2};
         const real off = square_apart(here, middle);
-        if (off > variance && off > SPIKE * SPIKE * square_apart(here - 3, here + 3)) return 1;
+        if (off > variance && off > MIN_SPIKE_RATIO * MIN_SPIKE_RATIO * square_apart(here - 3, here + 3)) return 1;
     }
     return 0;
 }

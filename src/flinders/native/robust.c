@@ -6,25 +6,24 @@
 #include "random.h"
 #include "record.h"
 
-enum { POINTS = 12, POINTS_OF_ELLIPSE = 7, FEW_DRAWS = 24, ROUNDS = 12, PER_CELL = 4,
-       UNKNOWNS = 12, ENOUGH_TO_JUDGE = 40, OTHERS = 8 };
+enum { SUBSET_READINGS = 12, ELLIPSE_SUBSET_READINGS = 7, FEW_DRAWS = 24, ROUNDS = 12, MAX_CELL_READINGS = 4,
+       MIN_INLIERS = 12, MIN_JUDGED_READINGS = 40, OTHER_DRAWS = 8 };
 
 #ifdef FLINDERS_SMALL
-enum { DRAWS = 64, SCORED = 100, FEW_SCORED = 100 };
+enum { DRAWS = 64, SCORED_READINGS = 100, FEW_SCORED_READINGS = 100 };
 #else
-enum { DRAWS = 256, SCORED = 600, FEW_SCORED = 150 };
+enum { DRAWS = 256, SCORED_READINGS = 600, FEW_SCORED_READINGS = 150 };
 #endif
 
 #define TO_SIGMA ((real)1.4826)
-#define REJECT ((real)4)
-#define BEYOND_DOUBT ((real)2.5) /* limits, which are ten standard deviations */
-#define SETTLED ((real)1e-4)
-#define STRAIGHT ((real)1e-6) /* variance across over that along, of an arc of two degrees: less is a line */
-#define LASTING ((real)0.5)  /* correlation of a residual with the next */
-#define SUSPECT ((real)0.95) /* of the standard deviation of all residuals, that of the best of many subsets */
+#define MAX_INLIER_SIGMAS ((real)4)
+#define MIN_CERTAIN_LIMITS ((real)2.5) /* distance of a certain outlier in limits, which is ten standard deviations */
+#define MAX_LIMIT_CHANGE ((real)1e-4)
+#define MIN_CURVED_VARIANCE_RATIO ((real)1e-6) /* variance across over that along, of an arc of two degrees: less is a line */
+#define MIN_LASTING_CORRELATION ((real)0.5) /* smallest correlation of a residual with the next if noise lasts */
+#define MAX_SUBSET_SIGMA_RATIO ((real)0.95) /* ratio to the standard deviation of all residuals of the best of many subsets below which outliers are searched */
 
-/* Leave all but a few readings of each cell out of a sample of at most so many; returns how many are in it. Without a
- * table of cells none is left out. */
+/* Keep only a few readings of each cell in a sample; returns its size. Without a table of cells all are kept. */
 static size_t spread_out(const fl_kernels *kernels, const real *field, size_t rows, size_t most, fl_random *random,
                          const fl_room *room)
 {
@@ -32,7 +31,7 @@ static size_t spread_out(const fl_kernels *kernels, const real *field, size_t ro
     uint32_t *const slots = room->order + (rows < FL_ENOUGH ? rows : FL_ENOUGH);
     const size_t stride = (rows + most - 1) / most > 1 ? (rows + most - 1) / most : 1;
     const size_t n = (rows + stride - 1) / stride;
-    const int are_all = stride == 1 && !(room->fullest > PER_CELL);
+    const int are_all = stride == 1 && !(room->fullest > MAX_CELL_READINGS);
     size_t taken = 0;
     memset(room->passed, !are_all && room->slots > 0, rows);
     random->skipped = are_all && room->slots > 0 ? (uint32_t)n : 0;
@@ -48,7 +47,7 @@ static size_t spread_out(const fl_kernels *kernels, const real *field, size_t ro
     for (size_t i = 0; i < n; i++) {
         const size_t row = room->order[i] * stride;
         unsigned char *count = room->counters + slots[room->order[i]];
-        if (*count >= PER_CELL) continue;
+        if (*count >= MAX_CELL_READINGS) continue;
         *count += 1;
         room->passed[row] = 0;
         taken++;
@@ -66,7 +65,7 @@ static real sigma_of(real median, size_t n)
 /* The same from n absolute distances, which are put into another order. */
 static real typical(real *distances, size_t n) { return sigma_of(fl_median(distances, n), n); }
 
-/* Absolute distances of a view into the room; returns how many. */
+/* Absolute distances of a view, into the room; returns their number. */
 static size_t absolute(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, real *out)
 {
     const size_t n = fl_view_count(view);
@@ -120,14 +119,14 @@ FL_APART static int quadric_of(const real *points, const uint32_t *chosen, int c
     return 0;
 }
 
-/* The readings of a view, or `most` of them at random, in units of their median distance from their median; counts
- * them, 0 where all are alike. */
+/* The readings of a view, or `most` of them at random, relative to their median and in units of their median
+ * distance; counts them, 0 if all are equal. */
 FL_APART static size_t standardised(const fl_view *view, size_t n, size_t most, fl_random *random, const fl_room *room,
                            real *local, real middle[3], real *scale)
 {
     const size_t chosen = n < most ? n : most;
     uint32_t *const places = room->order, *const rows = places + n;
-    real column[SCORED];
+    real column[SCORED_READINGS];
     for (size_t row = 0, place = 0; row < view->rows; row++)
         if (!view->rejected[row]) places[place] = (uint32_t)place, rows[place++] = (uint32_t)row;
     if (n > most) fl_random_choice(random, (uint32_t)n, (uint32_t)most, places);
@@ -150,11 +149,11 @@ FL_APART static size_t standardised(const fl_view *view, size_t n, size_t most, 
     return chosen;
 }
 
-/* Choose so many of n at random, at most twelve: those of the smallest of n random numbers. */
-FL_APART static void draw_points(fl_random *random, size_t n, uint32_t count, uint32_t chosen[POINTS])
+/* Choose some of n at random, at most twelve: those of the smallest of n random numbers. */
+FL_APART static void draw_points(fl_random *random, size_t n, uint32_t count, uint32_t chosen[SUBSET_READINGS])
 {
-    uint64_t smallest[POINTS + 1];
-    uint32_t places[POINTS + 1];
+    uint64_t smallest[SUBSET_READINGS + 1];
+    uint32_t places[SUBSET_READINGS + 1];
     for (uint32_t i = 0; i < n; i++) {
         const uint64_t number = fl_random_bits(random) >> 11;
         uint32_t at = i < count ? i : count;
@@ -176,7 +175,7 @@ static int circle_about(const real *points, size_t n, const real middle[3], real
         xx += x * x, yy += y * y, xy += x * y;
     }
     const real half = (xx + yy) / 2, apart = fl_sqrt((xx - yy) * (xx - yy) / 4 + xy * xy);
-    return half - apart <= STRAIGHT * (half + apart) || fl_surface_of(middle, shape, surface);
+    return half - apart <= MIN_CURVED_VARIANCE_RATIO * (half + apart) || fl_surface_of(middle, shape, surface);
 }
 
 /* Least median of squares: the best of many ellipsoids through twelve readings each, or of ellipses through seven of
@@ -188,16 +187,16 @@ static int subset_start(const fl_kernels *kernels, const fl_view *view, size_t n
 #ifdef FLINDERS_SMALL
     real *const distances = room->scratch; /* which nobody needs here */
 #else
-    real distances[SCORED];
+    real distances[SCORED_READINGS];
 #endif
-    real local[3 * SCORED], middle[3], scale, best = FL_HUGE, quadric[10], axes[3];
-    uint32_t order[POINTS];
+    real local[3 * SCORED_READINGS], middle[3], scale, best = FL_HUGE, quadric[10], axes[3];
+    uint32_t order[SUBSET_READINGS];
     fl_surface tried, winner;
-    if (!is_flat && n < POINTS) return 1;
+    if (!is_flat && n < SUBSET_READINGS) return 1;
     fl_random_catch_up(random, room->order);
     const size_t chosen = standardised(view, n, scored, random, room, local, middle, &scale);
     const fl_view points = {local, chosen, NULL, 1};
-    const int count = !is_flat ? POINTS : chosen < POINTS_OF_ELLIPSE ? (int)chosen : POINTS_OF_ELLIPSE;
+    const int count = !is_flat ? SUBSET_READINGS : chosen < ELLIPSE_SUBSET_READINGS ? (int)chosen : ELLIPSE_SUBSET_READINGS;
     if (!chosen) return 1;
     for (int draw = 0; draw < draws; draw++) {
         draw_points(random, chosen, (uint32_t)count, order);
@@ -229,14 +228,14 @@ static real lag_one(const real *distances, size_t n)
     return product / (square > FL_TINY ? square : FL_TINY);
 }
 
-/* Whether a majority has clearly smaller residuals than a fit to all readings, as where a disturbance comes and goes. */
+/* Whether a majority has clearly smaller residuals than a fit to all readings, as under a disturbance that switches. */
 static int suspects_a_load(const fl_kernels *kernels, const fl_view *spread, size_t n, real sigma, const fl_room *room)
 {
     fl_random random = fl_random_begin();
     fl_surface other;
-    if (subset_start(kernels, spread, n, 0, &random, DRAWS, SCORED, room, &other)) return 0;
+    if (subset_start(kernels, spread, n, 0, &random, DRAWS, SCORED_READINGS, room, &other)) return 0;
     absolute(kernels, spread, &other, room->scratch);
-    return typical(room->scratch, n) < SUSPECT * sigma ? FL_SUSPECTS : 0;
+    return typical(room->scratch, n) < MAX_SUBSET_SIGMA_RATIO * sigma ? FL_SUSPECTS : 0;
 }
 
 /* Absolute distances of the readings that are not left out of a sample, from those of all. */
@@ -260,7 +259,7 @@ static void tails_of(const real *distances, size_t n, real *farthest, real *squa
     *square /= (real)n, *fourth /= (real)n;
 }
 
-/* Whether the residuals of a fit to all readings call for a robust one; FL_SUSPECTS where that has to prove itself. */
+/* Whether the residuals of a fit to all readings require a robust one; FL_SUSPECTS if that must be clearly better. */
 int fl_asks_for_robust(const fl_kernels *kernels, const fl_view *view, fl_fit *fit, const fl_room *room)
 {
     fl_random random = fl_random_begin();
@@ -269,12 +268,12 @@ int fl_asks_for_robust(const fl_kernels *kernels, const fl_view *view, fl_fit *f
     real farthest, square, fourth;
     kernels->distances(view, &fit->surface, room->distances);
     fit->has_distances = 1;
-    const int lasts = lag_one(room->distances, view->rows) > LASTING;
+    const int lasts = lag_one(room->distances, view->rows) > MIN_LASTING_CORRELATION;
     sampled(room, view->rows, room->scratch);
     tails_of(room->scratch, n, &farthest, &square, &fourth);
     const real median = fl_median(room->scratch, n), sigma = sigma_of(median, n), error = fl_sqrt(24 / (real)n);
     fit->median_distance = n == view->rows ? median : 0;
-    if (n < ENOUGH_TO_JUDGE) return farthest > 20 * sigma;
+    if (n < MIN_JUDGED_READINGS) return farthest > 20 * sigma;
     const real heavy = ((real)1.2 + 3 / fl_sqrt((real)n)) * sigma;
     if (square > heavy * heavy || farthest > (real)6.5 * sigma) return 1;
     const real kurtosis = fourth / (square * square > FL_TINY ? square * square : FL_TINY);
@@ -283,7 +282,7 @@ int fl_asks_for_robust(const fl_kernels *kernels, const fl_view *view, fl_fit *f
     const real quiet = (real)0.05 * fit->surface.radius;
     fl_surface other;
     if (fl_abs(kurtosis - 3) >= 2 * error || square >= quiet * quiet) {
-        if (subset_start(kernels, &spread, n, 0, &random, FEW_DRAWS, FEW_SCORED, room, &other)) return 0;
+        if (subset_start(kernels, &spread, n, 0, &random, FEW_DRAWS, FEW_SCORED_READINGS, room, &other)) return 0;
         absolute(kernels, &spread, &other, room->scratch);
         if (typical(room->scratch, n) < (real)0.75 * sigma) return 1;
     }
@@ -329,7 +328,7 @@ static int fit_near(const fl_kernels *kernels, const fl_view *all, const flinder
     const fl_surface start = is_settled ? fit->posterior.surface : fit->surface; /* which curvature corrected */
     const fl_view near = {all->field, all->rows, room->rejected, 1};
     if (!reject(all, dense, room) && is_settled) return FLINDERS_OK;
-    if (fl_view_count(&near) < UNKNOWNS) return FLINDERS_NOT_AN_ELLIPSOID;
+    if (fl_view_count(&near) < MIN_INLIERS) return FLINDERS_NOT_AN_ELLIPSOID;
     return fl_polish(kernels, &near, options, &start, FL_STEPS, room->some, fit);
 }
 
@@ -345,7 +344,7 @@ static int certain_runs(const fl_room *room, size_t rows, real limit, unsigned c
         real farthest = 0;
         for (; end < rows && room->rejected[end]; end++)
             farthest = room->distances[end] > farthest ? room->distances[end] : farthest;
-        const int is_certain = end == begin + 1 || farthest > BEYOND_DOUBT * limit;
+        const int is_certain = end == begin + 1 || farthest > MIN_CERTAIN_LIMITS * limit;
         memset(certain + begin, is_certain, end - begin);
         others |= end > begin && !is_certain;
         if (end < rows) certain[end] = 0;
@@ -374,12 +373,12 @@ static int fit_about(const fl_kernels *kernels, const samples *of, const flinder
         absolute(kernels, &of->every, &fit->surface, room->distances);
         sampled(room, rows, room->scratch);
         const real sigma = typical(room->scratch, of->sampled);
-        limit = REJECT * (sigma > least ? sigma : least);
+        limit = MAX_INLIER_SIGMAS * (sigma > least ? sigma : least);
         mark_far(room, rows, limit);
         dense = of->part.stride == 1 ? flinders_dense(room->far, rows, rows, (unsigned char *)room->scratch) : FLINDERS_NO_RUN;
         const int status = fit_near(kernels, &of->part, options, dense, room, fit);
         if (status != FLINDERS_OK) return status;
-        if (fl_abs(limit - before) <= SETTLED * limit) break;
+        if (fl_abs(limit - before) <= MAX_LIMIT_CHANGE * limit) break;
     }
     const size_t looked = absolute(kernels, &of->part, &fit->surface, room->distances);
     mark_far(room, looked, limit);
@@ -393,7 +392,7 @@ static int fit_about(const fl_kernels *kernels, const samples *of, const flinder
 }
 
 #ifndef FLINDERS_SMALL /* a board has no room for another fit beside one, and claims nothing of it */
-/* Whether the runs that a fit rejects say more of some combination of parameters than the readings that it keeps. */
+/* Whether the rejected runs have more information on some combination of parameters than the inliers. */
 static int outweigh(const fl_kernels *kernels, const fl_view *every, const flinders_options *options, const fl_fit *fit,
                     int dense, const fl_room *room)
 {
@@ -418,13 +417,13 @@ static void scatter_of_others(const fl_kernels *kernels, const samples *of, cons
     fl_surface start;
     fl_fit other;
     real apart[9];
-    for (int draw = 0; draw < OTHERS; draw++) {
-        if (subset_start(kernels, &of->spread, of->sampled, 0, random, DRAWS, SCORED, room, &start)) continue;
+    for (int draw = 0; draw < OTHER_DRAWS; draw++) {
+        if (subset_start(kernels, &of->spread, of->sampled, 0, random, DRAWS, SCORED_READINGS, room, &start)) continue;
         if (fit_about(kernels, of, options, &start, room, &other, majority) != FLINDERS_OK) continue;
         for (int i = 0; i < 3; i++) apart[i] = other.surface.centre[i] - fit->surface.centre[i];
         for (int i = 0; i < 6; i++) apart[3 + i] = other.surface.shape[i] - fit->surface.shape[i];
         for (int i = 0; i < 9; i++)
-            for (int j = 0; j < 9; j++) fit->others[9 * i + j] += apart[i] * apart[j] / OTHERS;
+            for (int j = 0; j < 9; j++) fit->others[9 * i + j] += apart[i] * apart[j] / OTHER_DRAWS;
     }
     fit_about(kernels, of, options, first, room, &other, majority);
 }
@@ -442,9 +441,9 @@ int fl_robust(const fl_kernels *kernels, fl_view *view, const flinders_options *
                         {view->field, rows, room->passed, 1},
                         n};
     fl_surface first;
-    if (n < UNKNOWNS) return FLINDERS_NOT_AN_ELLIPSOID;
+    if (n < MIN_INLIERS) return FLINDERS_NOT_AN_ELLIPSOID;
     if (start) first = *start;
-    else if (subset_start(kernels, &of.spread, n, 0, &random, DRAWS, SCORED, room, &first)) return FLINDERS_NOT_AN_ELLIPSOID;
+    else if (subset_start(kernels, &of.spread, n, 0, &random, DRAWS, SCORED_READINGS, room, &first)) return FLINDERS_NOT_AN_ELLIPSOID;
     const int status = fit_about(kernels, &of, options, &first, room, fit, majority);
     if (status != FLINDERS_OK) return status;
 #ifndef FLINDERS_SMALL
@@ -466,11 +465,11 @@ int fl_ellipse_start(const fl_kernels *kernels, const real *field, size_t rows, 
     fl_random random = fl_random_begin();
     const size_t n = spread_out(kernels, field, rows, FL_ENOUGH, &random, room);
     const fl_view spread = {field, rows, room->passed, 1};
-    return subset_start(kernels, &spread, n, 1, &random, DRAWS, SCORED, room, surface);
+    return subset_start(kernels, &spread, n, 1, &random, DRAWS, SCORED_READINGS, room, surface);
 }
 #endif
 
-/* The fit to all readings stands: none is rejected. */
+/* All readings are inliers of the fit. */
 void fl_forget_outliers(fl_view *view, fl_majority *majority)
 {
     view->rejected = NULL;

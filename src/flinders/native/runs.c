@@ -9,12 +9,12 @@
 enum {
     WINDOW = FLINDERS_WINDOW,
     MARGIN = FLINDERS_MARGIN,
-    LEAST = 3,   /* far readings of a window that make a run at the least, however rare they are */
-    LOOKS = 3,   /* at the readings, before what is in runs and what is not is distinguished */
-    TOGETHER = 5 /* rows from one reading that is left out to the next in one run: a tenth of a second */
+    MIN_RUN_READINGS = 3,   /* smallest number of far readings in a window that make a run */
+    ROUNDS = 3,   /* rounds in which readings in runs and others are distinguished */
+    MAX_RUN_GAP = 5 /* largest distance in rows of outliers in one run: 0.1 s at 50 Hz */
 };
 
-#define BY_CHANCE ((real)1e-3) /* runs that outliers at random may make in a whole recording, on average */
+#define MAX_RANDOM_RUNS ((real)1e-3) /* largest mean number of runs in a recording that random outliers make */
 
 /* How many readings of the window about one are far. */
 static int far_about(const unsigned char *far, size_t rows, size_t i)
@@ -44,7 +44,7 @@ fl_marked fl_mark_runs(const unsigned char *far, size_t rows, int dense, unsigne
     return count;
 }
 
-/* Fewest far readings of a window that chance hardly ever puts there, where a share of the readings is far. */
+/* Smallest number of far readings in a window that chance hardly ever gives, for a share of far readings. */
 static int dense_enough(real share, size_t rows)
 {
     real chances[WINDOW + 1], choose = 1, tail = 0;
@@ -55,27 +55,27 @@ static int dense_enough(real share, size_t rows)
         for (int i = far; i < WINDOW; i++) chances[far] *= 1 - share;
         choose = choose * (real)(WINDOW - far) / (real)(far + 1);
     }
-    for (int far = WINDOW; far >= LEAST; far--) {
+    for (int far = WINDOW; far >= MIN_RUN_READINGS; far--) {
         tail += chances[far];
-        if ((real)rows * tail < BY_CHANCE) least = far;
+        if ((real)rows * tail < MAX_RANDOM_RUNS) least = far;
     }
     return least;
 }
 
-/* The same, of readings some of which are far: runs beyond doubt are set aside before the rest is counted. */
+/* The smallest number for readings some of which are far; certain runs are removed before the rest is counted. */
 int flinders_dense(const unsigned char *far, size_t n, size_t rows, unsigned char *scratch)
 {
     size_t all_far = 0;
     int dense = FLINDERS_NO_RUN;
     for (size_t i = 0; i < n; i++) all_far += far[i];
-    for (int look = 0; look < LOOKS; look++) {
+    for (int look = 0; look < ROUNDS; look++) {
         const fl_marked runs = fl_mark_runs(far, n, dense, scratch);
         dense = n > runs.all ? dense_enough((real)(all_far - runs.far) / (real)(n - runs.all), rows) : FLINDERS_NO_RUN;
     }
     return dense;
 }
 
-/* Which readings a fit leaves out. */
+/* Mark the readings that a fit leaves out. */
 void flinders_left_out(const unsigned char *far, size_t rows, int32_t dense, unsigned char *out)
 {
     fl_mark_runs(far, rows, dense, out);
@@ -91,7 +91,7 @@ size_t flinders_list_outliers(const real *distances, const unsigned char *out, s
     for (size_t i = 0; i < rows; i++) {
         const real distance = fl_abs(distances[i]);
         if (!out[i]) continue;
-        if (count == 0 || ((int64_t)i - before > TOGETHER && count < FLINDERS_OUTLIERS)) {
+        if (count == 0 || ((int64_t)i - before > MAX_RUN_GAP && count < FLINDERS_OUTLIERS)) {
             const flinders_outlier none = {first[i], 0, 0, 0, start ? start[i] : FL_NOT_A_NUMBER, FL_NOT_A_NUMBER, 0};
             runs[count++] = none;
         }

@@ -31,10 +31,10 @@
 enum { PARAMETERS = 9, ROUNDS = 3 };
 
 #define LEVEL_SIGMA_DEG ((real)1) /* 1 sigma of the tilt of a floor, or of a moored boat, that is stated to be level */
-#define UPRIGHT ((real)0.8660254037844387) /* of z along the vertical: an accelerometer beyond 30 degrees has other axes */
-#define ASTRAY ((real)6)          /* threshold for outliers in height, over the median deviation */
-#define BY_CHANCE ((real)10)      /* threshold of a squared tilt over its variance by chance, exceeded in one of 20,000 */
-#define HALF_A_TURN ((real)0.6)   /* 1 - |mean direction|² of half a turn: 1 - (2/π)², rounded */
+#define MIN_UPRIGHT_COSINE ((real)0.8660254037844387) /* smallest component of z along the vertical: an accelerometer beyond 30 degrees has other axes */
+#define MAX_HEIGHT_DEVIATIONS ((real)6) /* limit for outliers in height, in median deviations */
+#define MIN_TILT_RATIO ((real)10) /* smallest ratio of a significant squared tilt to its variance, exceeded by chance in one of 20,000 */
+#define MIN_TURN_SPREAD ((real)0.6) /* 1 - |mean direction|² of half a turn: 1 - (2/π)², rounded */
 
 static real square(real number) { return number * number; }
 static real larger(real a, real b) { return a > b ? a : b; }
@@ -166,7 +166,7 @@ static void plane_of(const real *field, size_t rows, const real centre[2], real 
         const size_t count = leave(field, out, rows, centre, heights, room->distances, &squares);
         for (size_t row = 0; row < rows; row++)
             if (!out[row] && !isnan(room->distances[row])) room->scratch[kept++] = room->distances[row];
-        const real limit = kept ? ASTRAY * fl_median(room->scratch, kept) : 0;
+        const real limit = kept ? MAX_HEIGHT_DEVIATIONS * fl_median(room->scratch, kept) : 0;
         const real variance = squares / (count > 4 ? (real)(count - 3) : 1);
         for (size_t row = 0; row < rows; row++) astray += !out[row] && room->distances[row] > limit;
         if (limit == 0 || astray == 0 || round == ROUNDS - 1) {
@@ -366,11 +366,11 @@ static real going_round(const flinders_vertical *it)
     const real n = it->readings, felt[2] = {it->acceleration[0] / n, it->acceleration[1] / n};
     const real way[2] = {it->turn[0] / n, it->turn[1] / n}, still = felt[0] * felt[0] + felt[1] * felt[1];
     const real spread = 1 - (way[0] * way[0] + way[1] * way[1]), scatter = larger(it->squares / n - still, 0);
-    if (!(spread >= HALF_A_TURN)) return fl_sqrt(still + scatter);
+    if (!(spread >= MIN_TURN_SPREAD)) return fl_sqrt(still + scatter);
     const real round[2] = {(it->across[0] / n - (felt[0] * way[0] + felt[1] * way[1])) / spread,
                            (it->across[1] / n - (felt[1] * way[0] - felt[0] * way[1])) / spread};
     const real squares = round[0] * round[0] + round[1] * round[1];
-    const real by_chance = BY_CHANCE * larger(scatter - spread * squares, 0) / (n * spread);
+    const real by_chance = MIN_TILT_RATIO * larger(scatter - spread * squares, 0) / (n * spread);
     return squares > by_chance ? fl_sqrt(squares) : 0;
 }
 
@@ -386,7 +386,7 @@ static shown shown_by(const flinders_vertical *vertical)
     if (!vertical || !(vertical->readings > 0)) return z;
     const real *const a = vertical->acceleration, length = fl_sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
     if (!(length / vertical->readings > 0)) return z;
-    z.is_known = 1, z.is_down = -a[2] >= length * UPRIGHT; /* an accelerometer at rest measures the upward reaction to gravity */
+    z.is_known = 1, z.is_down = -a[2] >= length * MIN_UPRIGHT_COSINE; /* an accelerometer at rest measures the upward reaction to gravity */
     if (!z.is_down) return z;
     const real sine = going_round(vertical) * vertical->readings / length;
     z.tilt_deg = sine < 1 ? FL_TO_DEG * fl_atan2(sine, fl_sqrt(1 - sine * sine)) : 90;

@@ -9,28 +9,28 @@
  */
 #include "residuals.h"
 
-enum { COARSE = 6, FINE = 5, MODELS = 2 * FL_LANES * FINE + 1, FEWEST = 12, HALF = (FL_LANES + 1) / 2,
-       FEW_RATIOS = 2 }; /* of the middle memory, that are not hopeless: others then mostly have no more than four */
+enum { COARSE_MEMORIES = 6, FINE_MEMORIES = 5, MODELS = 2 * FL_LANES * FINE_MEMORIES + 1, MIN_READINGS = 12, HALF_LANES = (FL_LANES + 1) / 2,
+       MAX_FEW_RATIOS = 2 }; /* likely ratios of the middle memory; the others then mostly have at most four */
 
-#define LEAST_RATIO ((real)1e-3)  /* of the variances, disturbance over white noise */
-#define LARGEST_RATIO ((real)3e3)
-#define FEW_LEAST_RATIO ((real)0.5)   /* range of it that is assumed of few readings: that of most real recordings */
-#define FEW_LARGEST_RATIO ((real)100)
-#define FEW_ARE_WHITE ((real)3)   /* logarithm, to the base 2, of how much less likely they are than either kind: as of real ones */
-#define LONGEST ((real)1.5)       /* of the recording: longer memories look the same */
-#define MANY_RADIANS ((real)20)   /* of turning, beyond which a change of the field does not go with the attitude */
-#define NEGLIGIBLE ((real)1e-4)   /* of all probability */
-#define HOPELESS ((real)14)       /* logarithm, to the base 2, of how much less likely a model is than the best */
-#define DOWNHILL ((real)20)       /* the same of a memory behind which no better one comes: in none of 427 series */
+#define MIN_RATIO ((real)1e-3) /* ratio of variances, slow over white noise */
+#define MAX_RATIO ((real)3e3)
+#define FEW_MIN_RATIO ((real)0.5) /* range of this ratio that is assumed for few readings: that of most real recordings */
+#define FEW_MAX_RATIO ((real)100)
+#define WHITE_PENALTY_BITS ((real)3) /* bits by which white noise of few readings is less likely than either kind, as in real recordings */
+#define MAX_MEMORY_SHARE ((real)1.5) /* largest memory, of the recording: longer ones look the same */
+#define MAX_MEMORY_RAD ((real)20) /* largest memory, in rad of turning, of a change of the field that depends on the attitude */
+#define MIN_PROBABILITY ((real)1e-4) /* smallest share of a model in the total probability */
+#define MAX_TRIED_BITS ((real)14) /* bits by which a model may be less likely than the best if its neighbours are tried */
+#define MAX_DROP_BITS ((real)20) /* bits by which a memory is less likely than the best if no longer one is better: so in all of 427 series */
 
-/* The moments of readings, or their rows where times are not known or go back. */
+/* Times of readings, or their rows if times are not known or go back. */
 typedef struct {
     const real *time;
     const unsigned char *left_out;
     size_t row;
 } moments;
 
-/* One model of the noise, and how likely it is. */
+/* A model of the noise, and its likelihood. */
 typedef struct {
     int is_vector;
     real ratio, memory;   /* variance of the disturbance over that of white noise; time */
@@ -45,17 +45,17 @@ typedef struct {
     int memories;
 } grid;
 
-/* One of them. */
+/* A model of a grid. */
 typedef struct {
     int memory, ratio;
 } place;
 
-/* How far a search in a grid has come on one side: the memory, the likeliest of its ratios, and whether it goes on. */
+/* State of a search in a grid on one side: the memory, the most likely of its ratios, and whether it continues. */
 typedef struct {
     int memory, ratio, is_open;
 } side;
 
-/* Whether times of the readings that are looked at ascend. */
+/* Whether the times of the used readings ascend. */
 static int ascends(const fl_view *view, const fl_room *room)
 {
     real last = -FL_HUGE;
@@ -68,7 +68,7 @@ static int ascends(const fl_view *view, const fl_room *room)
     return 1;
 }
 
-/* The moment of the next reading that is looked at. */
+/* Time of the next used reading. */
 static real next_moment(moments *at)
 {
     while (at->left_out[at->row]) at->row++;
@@ -76,7 +76,7 @@ static real next_moment(moments *at)
     return at->time ? at->time[row] : (real)row;
 }
 
-/* Whether a reading is the one before again, as of a sensor that is asked faster than it measures. */
+/* Whether a reading repeats the one before, as of a sensor that is read faster than it measures. */
 static int is_repeated(const fl_residuals *residuals, size_t i)
 {
     int is_same = residuals->distances[i] == residuals->distances[i - 1];
@@ -85,8 +85,7 @@ static int is_repeated(const fl_residuals *residuals, size_t i)
     return is_same;
 }
 
-/* Average successive readings, at most FL_SERIES of them and what stretches add, repeated ones once; returns the time
- * that they take. */
+/* Average successive readings to at most FL_SERIES per stretch, repeated ones once; returns their time step. */
 static real averages(const fl_view *view, const fl_residuals *residuals, const fl_room *room, fl_series *series)
 {
     const size_t most = (residuals->n + FL_SERIES - 1) / FL_SERIES;
@@ -121,7 +120,7 @@ static real averages(const fl_view *view, const fl_residuals *residuals, const f
     return span;
 }
 
-/* Σ w r rᵀ of rows, as the filter gives it where all noise is white. */
+/* Σ w r rᵀ of rows, as by the filter for white noise. */
 static void white_sums(const fl_series *series, real sums[55])
 {
     memset(sums, 0, 55 * sizeof(real));
@@ -143,7 +142,7 @@ static real equations(const real sums[55], real matrix[81], real gradient[9])
     return sums[54];
 }
 
-/* Take what a step would explain off the residuals in sums. */
+/* Subtract the part of residuals that a step explains, in sums. */
 static void take_off(const real step[9], real sums[55])
 {
     real matrix[81], gradient[9], square = equations(sums, matrix, gradient);
@@ -162,7 +161,7 @@ static int judge(model *one, real log_determinant, real freedom)
 {
     real matrix[81], gradient[9], scale = 0, rest = equations(one->sums, matrix, gradient);
     for (int i = 0; i < 9; i++) scale = matrix[10 * i] > scale ? matrix[10 * i] : scale;
-    for (int i = 0; i < 9; i++) matrix[10 * i] += FL_ROUNDING * 100 * scale; /* a direction that no reading speaks of */
+    for (int i = 0; i < 9; i++) matrix[10 * i] += FL_ROUNDING * 100 * scale; /* an undetermined direction */
     if (fl_cholesky(matrix, 9)) return 1;
     fl_forward(matrix, 9, gradient);
     for (int i = 0; i < 9; i++) {
@@ -213,7 +212,7 @@ static void solved(const fl_posterior *at, const real prior_gradient[9], const m
     fl_multiply(covariance, gradient, 9, 9, 1, step);
 }
 
-/* Step against which a gradient of readings and that of a prior are in balance, in directions that are observed. */
+/* Step that balances the gradient of readings and that of a prior, in observed directions. */
 static void step_of_observed(const fl_posterior *at, const real matrix[81], const real gradient[9],
                              const real prior_gradient[9], real step[9])
 {
@@ -268,36 +267,36 @@ static void models_at(const fl_kernels *kernels, const fl_series *series, int is
     real ratio[FL_LANES], log_determinant[FL_LANES], memory[2], sums[55][FL_LANES];
     for (int half = 0; half < 2; half++) memory[half] = over->memory * fl_pow(over->memory_step, (real)first[half].memory);
     for (int lane = 0; lane < FL_LANES; lane++)
-        ratio[lane] = over->ratio * fl_pow(over->ratio_step, (real)(first[lane / HALF].ratio + lane % HALF));
+        ratio[lane] = over->ratio * fl_pow(over->ratio_step, (real)(first[lane / HALF_LANES].ratio + lane % HALF_LANES));
     kernels->filter(series, is_vector, ratio, memory, log_determinant, sums);
     for (int lane = 0; lane < FL_LANES; lane++) {
         model *const one = models + lane;
         for (int i = 0; i < 55; i++) one->sums[i] = sums[i][lane];
-        one->is_vector = is_vector, one->ratio = ratio[lane], one->memory = memory[lane / HALF];
+        one->is_vector = is_vector, one->ratio = ratio[lane], one->memory = memory[lane / HALF_LANES];
         take_off(bent, one->sums);
         if (judge(one, log_determinant[lane], (real)series->n - 9) || !isfinite(one->likelihood)) one->likelihood = -FL_HUGE;
     }
 }
 
-/* The next two memories to look at, and of each the ratios about the likeliest of the memory before: one of either side,
- * or two of the one that is open. */
+/* The next two memories to try, each with the ratios about the most likely one of the memory before: one on each
+ * side, or two on the side that continues. */
 static void look_further(side sides[2], int last, side *of[2], place first[2])
 {
     for (int half = 0; half < 2; half++) {
         side *const one = of[half] = sides + (sides[half].is_open ? half : 1 - half);
         const int memory = one->memory + (one == sides ? -1 : 1);
         first[half].memory = one->memory = memory < 0 ? 0 : memory > last ? last : memory;
-        first[half].ratio = one->ratio < 1 ? 0 : one->ratio > HALF ? HALF : one->ratio - 1;
+        first[half].ratio = one->ratio < 1 ? 0 : one->ratio > HALF_LANES ? HALF_LANES : one->ratio - 1;
     }
 }
 
-/* The likeliest model of a grid. All ratios of one memory are looked at, and from there on both ways those about the
- * likeliest of the memory before, until they are so much less likely than the best. */
+/* The most likely model of a grid. All ratios of one memory are tried, and from there in both directions those about
+ * the most likely of the memory before, until they are much less likely than the best. */
 static model likeliest(const fl_kernels *kernels, const fl_series *series, int is_vector, const grid *over, int from,
                        const real bent[9])
 {
     const int last = over->memories - 1;
-    place first[2] = {{from, 0}, {from, HALF}};
+    place first[2] = {{from, 0}, {from, HALF_LANES}};
     model models[FL_LANES], best;
     models_at(kernels, series, is_vector, over, first, bent, models);
     const int ratio = (int)(best_of(models, FL_LANES) - models);
@@ -307,16 +306,16 @@ static model likeliest(const fl_kernels *kernels, const fl_series *series, int i
         look_further(sides, last, of, first);
         models_at(kernels, series, is_vector, over, first, bent, models);
         for (int half = 0; half < 2; half++) {
-            const model *const top = best_of(models + half * HALF, HALF);
-            of[half]->ratio = first[half].ratio + (int)(top - models) - half * HALF;
+            const model *const top = best_of(models + half * HALF_LANES, HALF_LANES);
+            of[half]->ratio = first[half].ratio + (int)(top - models) - half * HALF_LANES;
             if (top->likelihood > best.likelihood) best = *top;
-            if (top->likelihood < best.likelihood - DOWNHILL || first[half].memory % last == 0) of[half]->is_open = 0;
+            if (top->likelihood < best.likelihood - MAX_DROP_BITS || first[half].memory % last == 0) of[half]->is_open = 0;
         }
     }
     return best;
 }
 
-/* Put models of one memory behind n others, but for those that are none; returns how many there are then. */
+/* Append models of one memory to n others, without impossible ones; returns the number of all. */
 static int add_models(const model *some, int count, model *models, int n)
 {
     for (int k = 0; k < count; k++)
@@ -327,34 +326,34 @@ static int add_models(const model *some, int count, model *models, int n)
 /* Whether models of four ratios, from one on, leave out others of their memory that are not hopeless. */
 static int leave_out_some(const model *four, int first, real most)
 {
-    return (first > 0 && four[0].likelihood > most - HOPELESS) ||
-           (first + HALF < FL_LANES && four[HALF - 1].likelihood > most - HOPELESS);
+    return (first > 0 && four[0].likelihood > most - MAX_TRIED_BITS) ||
+           (first + HALF_LANES < FL_LANES && four[HALF_LANES - 1].likelihood > most - MAX_TRIED_BITS);
 }
 
-/* Put the models of a grid behind n others, memory by memory from the middle until they are hopeless; returns how many
- * there are then. Of the other memories four ratios are looked at first, where few of the middle one are not hopeless. */
+/* Append the models of a grid to n others, memory by memory from the middle until they are very unlikely; returns
+ * the number of all. Of the other memories four ratios are tried first, if few of the middle one are likely. */
 static int add_grid(const fl_kernels *kernels, const fl_series *series, int is_vector, const grid *over,
                     const real bent[9], model *models, int n)
 {
     const int middle = (over->memories - 1) / 2, last = over->memories - 1;
-    place first[2] = {{middle, 0}, {middle, HALF}};
+    place first[2] = {{middle, 0}, {middle, HALF_LANES}};
     model here[FL_LANES], all[FL_LANES];
     models_at(kernels, series, is_vector, over, first, bent, here);
     const int ratio = (int)(best_of(here, FL_LANES) - here);
     side sides[2] = {{middle, ratio, 1}, {middle, ratio, 1}}, *of[2];
     real most = here[ratio].likelihood;
     int hopeful = 0;
-    for (int lane = 0; lane < FL_LANES; lane++) hopeful += here[lane].likelihood > most - HOPELESS;
+    for (int lane = 0; lane < FL_LANES; lane++) hopeful += here[lane].likelihood > most - MAX_TRIED_BITS;
     n = add_models(here, FL_LANES, models, n);
     while (sides[0].is_open || sides[1].is_open) {
         look_further(sides, last, of, first);
-        if (hopeful <= FEW_RATIOS) models_at(kernels, series, is_vector, over, first, bent, here);
+        if (hopeful <= MAX_FEW_RATIOS) models_at(kernels, series, is_vector, over, first, bent, here);
         for (int half = 0; half < 2; half++) {
-            const model *four = here + half * HALF;
-            int begin = first[half].ratio, count = HALF;
+            const model *four = here + half * HALF_LANES;
+            int begin = first[half].ratio, count = HALF_LANES;
             if (!of[half]->is_open) continue; /* the other of two of this side has ended it */
-            if (hopeful > FEW_RATIOS || leave_out_some(four, begin, most)) {
-                const place whole[2] = {{first[half].memory, 0}, {first[half].memory, HALF}};
+            if (hopeful > MAX_FEW_RATIOS || leave_out_some(four, begin, most)) {
+                const place whole[2] = {{first[half].memory, 0}, {first[half].memory, HALF_LANES}};
                 models_at(kernels, series, is_vector, over, whole, bent, all);
                 four = all, begin = 0, count = FL_LANES;
             }
@@ -362,22 +361,22 @@ static int add_grid(const fl_kernels *kernels, const fl_series *series, int is_v
             n = add_models(four, count, models, n);
             most = top->likelihood > most ? top->likelihood : most;
             of[half]->ratio = begin + (int)(top - four);
-            if (top->likelihood < most - HOPELESS || first[half].memory % last == 0) of[half]->is_open = 0;
+            if (top->likelihood < most - MAX_TRIED_BITS || first[half].memory % last == 0) of[half]->is_open = 0;
         }
     }
     return n;
 }
 
-/* The grid of all models that there may be. */
+/* The grid of all possible models. */
 static grid all_of(real span, size_t n)
 {
     const real shortest = 2 * span / (real)n;
-    const grid all = {LEAST_RATIO, fl_pow(LARGEST_RATIO / LEAST_RATIO, 1 / (real)(FL_LANES - 1)), shortest,
-                      fl_pow(LONGEST * span / shortest, 1 / (real)(COARSE - 1)), COARSE};
+    const grid all = {MIN_RATIO, fl_pow(MAX_RATIO / MIN_RATIO, 1 / (real)(FL_LANES - 1)), shortest,
+                      fl_pow(MAX_MEMORY_SHARE * span / shortest, 1 / (real)(COARSE_MEMORIES - 1)), COARSE_MEMORIES};
     return all;
 }
 
-/* Which of the memories of a grid a model has. */
+/* Index of the memory of a model in a grid. */
 static int memory_of(const grid *all, const model *one)
 {
     int k = 0;
@@ -385,49 +384,49 @@ static int memory_of(const grid *all, const model *one)
     return k;
 }
 
-/* A finer grid about one of its models, a step of it to either side, but for memories beyond the grid: they look the same,
- * and the noise that goes with them, of which the recording shows nothing, would be larger. */
+/* A finer grid about one model, by a step to either side, but not beyond the grid: longer memories look the same,
+ * and would add noise that the recording cannot show. */
 static grid about(const grid *all, const model *best)
 {
-    const real longest = all->memory * fl_pow(all->memory_step, COARSE - 1), above = best->memory * all->memory_step;
+    const real longest = all->memory * fl_pow(all->memory_step, COARSE_MEMORIES - 1), above = best->memory * all->memory_step;
     const real steps = (above < longest ? above : longest) * all->memory_step / best->memory;
     const grid fine = {best->ratio / all->ratio_step, fl_pow(all->ratio_step, 2 / (real)(FL_LANES - 1)),
-                       best->memory / all->memory_step, fl_pow(steps, 1 / (real)(FINE - 1)), FINE};
+                       best->memory / all->memory_step, fl_pow(steps, 1 / (real)(FINE_MEMORIES - 1)), FINE_MEMORIES};
     return fine;
 }
 
-/* Models of both kinds over all that few readings leave open, and white noise, the last one; returns how many there are.
- * White noise is improbable beforehand: few readings look white as often as not, and noise of real ones lasts. */
+/* Models of both kinds for few readings, and white noise as the last one; returns their number. White noise has a
+ * small prior probability: few readings often look white although the noise of real recordings lasts. */
 static int models_of_few(const fl_kernels *kernels, const fl_series *series, real span, const real bent[9],
                          const model *white, model *models)
 {
     const real shortest = 2 * span / (real)series->n;
-    const grid all = {FEW_LEAST_RATIO, fl_pow(FEW_LARGEST_RATIO / FEW_LEAST_RATIO, 1 / (real)(FL_LANES - 1)), shortest,
-                      fl_pow(LONGEST * span / shortest, 1 / (real)(FINE - 1)), FINE};
+    const grid all = {FEW_MIN_RATIO, fl_pow(FEW_MAX_RATIO / FEW_MIN_RATIO, 1 / (real)(FL_LANES - 1)), shortest,
+                      fl_pow(MAX_MEMORY_SHARE * span / shortest, 1 / (real)(FINE_MEMORIES - 1)), FINE_MEMORIES};
     int n = 0;
     for (int kind = 0; kind < 2; kind++) n = add_grid(kernels, series, kind == 0, &all, bent, models, n);
-    for (int k = 0; k < n; k++) models[k].likelihood -= fl_log2((real)(FL_LANES * FINE));
+    for (int k = 0; k < n; k++) models[k].likelihood -= fl_log2((real)(FL_LANES * FINE_MEMORIES));
     models[n] = *white;
-    models[n].likelihood -= FEW_ARE_WHITE;
+    models[n].likelihood -= WHITE_PENALTY_BITS;
     return n + 1;
 }
 
-/* Models of both kinds that are not hopeless beside white noise, the last one; returns how many there are. Each kind is
- * as likely as white noise beforehand, and its models are so for their share of the logarithms. */
+/* Models of both kinds that are likely compared with white noise, which is the last one; returns their number. Each
+ * kind has the prior probability of white noise, shared by its models in equal steps of the logarithms. */
 static int models_of(const fl_kernels *kernels, const fl_series *series, real span, const real bent[9],
                      const model *white, model *models)
 {
     const grid all = all_of(span, series->n);
-    const model vector = likeliest(kernels, series, 1, &all, (COARSE - 1) / 2, bent);
+    const model vector = likeliest(kernels, series, 1, &all, (COARSE_MEMORIES - 1) / 2, bent);
     const model top[2] = {vector, likeliest(kernels, series, 0, &all, memory_of(&all, &vector), bent)};
     real most = white->likelihood;
     int n = 0;
     for (int kind = 0; kind < 2; kind++) most = top[kind].likelihood > most ? top[kind].likelihood : most;
     for (int kind = 0; kind < 2; kind++) {
-        if (!(top[kind].likelihood > most - HOPELESS)) continue;
+        if (!(top[kind].likelihood > most - MAX_TRIED_BITS)) continue;
         const grid fine = about(&all, top + kind);
         const real share = fl_log2(fine.ratio_step) * fl_log2(fine.memory_step) /
-                           (fl_log2(all.ratio_step) * FL_LANES * fl_log2(all.memory_step) * COARSE);
+                           (fl_log2(all.ratio_step) * FL_LANES * fl_log2(all.memory_step) * COARSE_MEMORIES);
         const int first = n;
         n = add_grid(kernels, series, kind == 0, &fine, bent, models, n);
         for (int k = first; k < n; k++) models[k].likelihood += fl_log2(share);
@@ -442,7 +441,7 @@ static void weigh(const model *models, int n, real weights[MODELS])
     real best = models[0].likelihood, total = 0;
     for (int k = 1; k < n; k++) best = models[k].likelihood > best ? models[k].likelihood : best;
     for (int k = 0; k < n; k++) total += weights[k] = fl_pow(2, models[k].likelihood - best);
-    for (int k = 0; k < n; k++) weights[k] = weights[k] > NEGLIGIBLE * total ? weights[k] / total : 0;
+    for (int k = 0; k < n; k++) weights[k] = weights[k] > MIN_PROBABILITY * total ? weights[k] / total : 0;
 }
 
 /* Scatter of Σ J s over the readings of a series that noise of a model gives: a matrix and its transpose. */
@@ -470,7 +469,7 @@ static void scatter_of(const fl_series *series, const model *one, real scatter[8
         for (int j = 0; j < 9; j++) scatter[9 * i + j] = one->variance * (half[9 * i + j] + half[9 * j + i]);
 }
 
-/* The covariance that least squares without regard to slow noise have under a model of it. */
+/* Covariance of plain least squares under a model of slow noise. */
 static void unweighted(const fl_series *series, const fl_fit *fit, const model *white, const model *one,
                        const real textbook[81], real covariance[81])
 {
@@ -483,7 +482,7 @@ static void unweighted(const fl_series *series, const fl_fit *fit, const model *
     fl_multiply(half, textbook, 9, 9, 9, covariance);
 }
 
-/* Time in which the surface's normal turns by a radian, on average. */
+/* Mean time in which the surface's normal turns by a radian. */
 static real radian_of(const fl_series *series, real span)
 {
     real turned = 0;
@@ -496,22 +495,22 @@ static real radian_of(const fl_series *series, real span)
     return turned > 0 ? span / turned : FL_HUGE;
 }
 
-/* Variance of the residuals that the field's strength at the place makes: what is more than white noise, and lasts while the
- * sensor turns by one to some twenty radians; what lasts longer is met in all directions. */
+/* Variance of the residuals from the field's strength at the place: more than white noise, and lasting while the
+ * sensor turns by one to about twenty radians; noise that lasts longer occurs in all directions. */
 static real variance_of_strength(const fl_residuals *residuals, const model *models, const real weights[MODELS], int n,
                                  real radian)
 {
     real square = 0, variance = 0;
     for (size_t i = 0; i < residuals->n; i++) square += residuals->distances[i] * residuals->distances[i] / (real)residuals->n;
     for (int k = 0; k < n; k++)
-        if (!models[k].is_vector && models[k].memory >= radian && models[k].memory <= MANY_RADIANS * radian &&
+        if (!models[k].is_vector && models[k].memory >= radian && models[k].memory <= MAX_MEMORY_RAD * radian &&
             square > models[k].variance)
             variance += weights[k] * (square - models[k].variance);
     return variance;
 }
 
-/* Find the noise, average estimate and covariance over what is not known of it, and give the covariance that the fit
- * has under the likeliest model without this step; nonzero where there is nothing to find. */
+/* Find the noise, and average estimate and covariance over its possible models; also gives the covariance of the
+ * unmoved fit under the most likely model. Nonzero without slow noise. */
 int fl_slow_noise(const fl_kernels *kernels, const fl_view *view, const fl_residuals *residuals, const fl_fit *fit,
                   const fl_room *room, int is_assumed, fl_slow *slow, real step[9], real covariance[81], real without[81])
 {
@@ -519,7 +518,7 @@ int fl_slow_noise(const fl_kernels *kernels, const fl_view *view, const fl_resid
     model white = {0, 0, 1, {0}, 0, 0}, *const models = (model *)(void *)room->matrices;
     real prior_gradient[9], bent[9], steps[MODELS][9], each[81], weights[MODELS];
     const real span = averages(view, residuals, room, &series);
-    if (series.n < FEWEST || !(span > 0)) return 1;
+    if (series.n < MIN_READINGS || !(span > 0)) return 1;
     white_sums(&series, white.sums);
     end_of_fit(fit, white.sums, prior_gradient, bent);
     take_off(bent, white.sums);

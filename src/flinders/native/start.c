@@ -7,7 +7,7 @@
 
 enum { NEWTON_STEPS = 50 };
 
-#define ROUGH fl_sqrt((real)FL_ROUNDING) /* relative tolerance of the noise variance of a start */
+#define NOISE_TOLERANCE fl_sqrt((real)FL_ROUNDING) /* relative tolerance of the noise variance of a start */
 
 /* Fill a surface; nonzero if its shape is not positive definite. */
 int fl_surface_of(const real centre[3], const real shape[6], fl_surface *surface)
@@ -169,7 +169,7 @@ static int algebraic(const flinders_sums *local, fl_surface *surface)
 int fl_start(const flinders_sums *sums, fl_surface *surface, real *noise)
 {
     flinders_sums local;
-    if (!fl_consistent(sums, ROUGH, surface, noise)) return 0;
+    if (!fl_consistent(sums, NOISE_TOLERANCE, surface, noise)) return 0;
     *noise = FL_NOT_A_NUMBER;
     if (standardised(sums, &local)) return 1;
     if (!algebraic(&local, surface)) return 0;

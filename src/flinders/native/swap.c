@@ -9,18 +9,18 @@
 #include "record.h"
 
 enum {
-    FEWEST = 50,       /* readings: fewer do not tell how smooth they are */
-    LOOKED_AT = 20000, /* readings that noises are compared by: they tell one to 0.5 %, of the 10 % that GAIN asks */
-    NONE = -1
+    MIN_READINGS = 50,       /* fewer readings do not show how smooth they are */
+    MAX_COMPARED_READINGS = 20000, /* readings by which noises are compared, to 0.5 %; MIN_NOISE_GAIN is 10 % */
+    NO_SWAP = -1
 };
 
-#define BROKEN ((real)3) /* times the largest break among three readings on either side that a break has to be */
-#define LIKE ((real)2)   /* times the same that readings may be apart once it is undone */
-#define FEW ((real)0.05) /* share of outliers beside which changed axes would make more, or bend no surface */
-#define OFF ((real)3)    /* times the noise of a majority that all readings may be off its surface once it is undone */
-#define GAIN ((real)1.1) /* times closer to an ellipsoid: the noise of 500 readings, known to 3 %, changes by more than 9 % */
-#define MOST ((real)1000) /* of that which is stated, also where readings as recorded lie on no ellipsoid at all */
-#define EVIDENCE ((real)10) /* least gain in log-likelihood, n ln gain, of n independent readings */
+#define MIN_BREAK_RATIO ((real)3) /* smallest ratio of a break to the largest among three readings on either side */
+#define MAX_MENDED_RATIO ((real)2) /* largest ratio of the break to that once a swap is undone */
+#define MAX_REJECTED_SHARE ((real)0.05) /* largest share of outliers with which swapped axes are searched */
+#define MIN_DISTANCE_RATIO ((real)3) /* smallest ratio of the distances of one part from the surface to the noise of the majority */
+#define MIN_NOISE_GAIN ((real)1.1) /* smallest factor by which readings are closer to an ellipsoid; the noise of 500 readings changes by up to 9 % */
+#define MAX_STATED_GAIN ((real)1000) /* largest stated factor, also if readings as recorded lie on no ellipsoid */
+#define MIN_LOG_GAIN ((real)10) /* smallest gain in log-likelihood, n ln gain, of n independent readings */
 
 /* Where each axis comes from: x, y or z negated or x and y, y and z, z and x exchanged. */
 static const unsigned char FROM[6][3] = {{0, 1, 2}, {0, 1, 2}, {0, 1, 2}, {1, 0, 2}, {0, 2, 1}, {2, 1, 0}};
@@ -42,12 +42,12 @@ static int mends(const real *field, size_t i, int swap, real limit)
 static real usual_beside(const real *breaks, size_t i)
 {
     real usual = 0;
-    if (!(breaks[i] > BROKEN * breaks[i - 2])) return -1; /* as of most */
+    if (!(breaks[i] > MIN_BREAK_RATIO * breaks[i - 2])) return -1; /* as of most */
     for (size_t j = 2; j <= 4; j++) {
         usual = breaks[i - j] > usual ? breaks[i - j] : usual;
         usual = breaks[i + j] > usual ? breaks[i + j] : usual;
     }
-    return breaks[i] > BROKEN * usual ? usual : -1;
+    return breaks[i] > MIN_BREAK_RATIO * usual ? usual : -1;
 }
 
 /* The change that has most moments. */
@@ -62,7 +62,7 @@ static int most_frequent(const int64_t moments[6])
 static void take(const real *reading, int swap, real out[3])
 {
     for (int axis = 0; axis < 3; axis++)
-        out[axis] = (swap == axis ? -1 : 1) * reading[swap == NONE ? axis : FROM[swap][axis]];
+        out[axis] = (swap == axis ? -1 : 1) * reading[swap == NO_SWAP ? axis : FROM[swap][axis]];
 }
 
 /* Count the moments at which axes changed sign or place: breaks of the path that such a change mends. `first` gets the row
@@ -70,12 +70,12 @@ static void take(const real *reading, int swap, real out[3])
 static void count_moments(const fl_kernels *kernels, const real *field, size_t rows, real *breaks, int64_t moments[6],
                           int64_t first[6])
 {
-    if (rows < FEWEST) return;
+    if (rows < MIN_READINGS) return;
     kernels->breaks(field, rows - 3, breaks);
     for (size_t i = 4; i + 7 < rows; i++) {
         const real usual = usual_beside(breaks, i);
         for (int swap = 0; swap < 6 && usual >= 0; swap++) {
-            if (!mends(field, i, swap, LIKE * usual)) continue;
+            if (!mends(field, i, swap, MAX_MENDED_RATIO * usual)) continue;
             if (moments[swap]++ == 0) first[swap] = (int64_t)i + 2;
         }
     }
@@ -97,23 +97,23 @@ void fl_confirm_swaps(const fl_kernels *kernels, const fl_view *view, const fl_f
     const int swap = most_frequent(record->swaps);
     int is_behind = 0;
     size_t n = 0;
-    if (record->swaps[swap] == 0 || !((real)record->rejected < FEW * (real)record->fitted)) return;
+    if (record->swaps[swap] == 0 || !((real)record->rejected < MAX_REJECTED_SHARE * (real)record->fitted)) return;
     for (int is_changed = 0; is_changed < 2; is_changed++) {
         for (n = 0; n * stride < view->rows; n++)
-            take(view->field + 3 * n * stride, is_changed ? swap : NONE, room->columns + 3 * n);
+            take(view->field + 3 * n * stride, is_changed ? swap : NO_SWAP, room->columns + 3 * n);
         const fl_view some = {room->columns, n, NULL, 1};
         kernels->distances(&some, &fit->surface, room->distances);
         is_behind = 0;
         for (size_t row = 0; row < view->rows; row++) {
             if (row >= 6 && row + 5 < view->rows) { /* the break behind the last but one */
                 const real usual = usual_beside(room->scratch, row - 2);
-                is_behind ^= usual >= 0 && mends(view->field, row - 2, swap, LIKE * usual);
+                is_behind ^= usual >= 0 && mends(view->field, row - 2, swap, MAX_MENDED_RATIO * usual);
             }
             if (row % stride == 0) squares[is_changed][is_behind] += room->distances[row / stride] * room->distances[row / stride];
         }
     }
     const real one = squares[0][0] + squares[1][1], other = squares[0][1] + squares[1][0];
-    if ((one < other ? one : other) <= OFF * OFF * fit->noise * fit->noise * (real)n) return;
+    if ((one < other ? one : other) <= MIN_DISTANCE_RATIO * MIN_DISTANCE_RATIO * fit->noise * fit->noise * (real)n) return;
     memset(record->swaps, 0, sizeof record->swaps);
     for (int i = 0; i < 6; i++) record->first_swap[i] = -1;
 }
@@ -123,7 +123,7 @@ static void list_moments(const real *field, size_t rows, const real *breaks, int
 {
     for (size_t i = 4; i + 7 < rows; i++) {
         const real usual = usual_beside(breaks, i);
-        if (usual >= 0 && mends(field, i, swap, LIKE * usual)) *out++ = (int64_t)i + 2;
+        if (usual >= 0 && mends(field, i, swap, MAX_MENDED_RATIO * usual)) *out++ = (int64_t)i + 2;
     }
 }
 
@@ -138,7 +138,7 @@ static int fit_undone(const real *field, size_t rows, size_t stride, int swap, c
     options.robust = options.statistics = options.level = 0;
     for (size_t row = 0; row < rows; row += stride, n++) {
         while (passed < count && (size_t)moments[passed] <= row) passed++;
-        take(field + 3 * row, passed % 2 ? swap : NONE, some + 3 * n);
+        take(field + 3 * row, passed % 2 ? swap : NO_SWAP, some + 3 * n);
     }
     return flinders_fit(some, NULL, n, &options, workspace, flinders_workspace_size(n), record);
 }
@@ -146,7 +146,7 @@ static int fit_undone(const real *field, size_t rows, size_t stride, int swap, c
 /* Bytes of the readings that noises are compared by, and how many of the rows these are. */
 static size_t bytes_of_some(size_t rows, size_t *stride, size_t *n)
 {
-    *stride = (rows + LOOKED_AT - 1) / LOOKED_AT > 1 ? (rows + LOOKED_AT - 1) / LOOKED_AT : 1;
+    *stride = (rows + MAX_COMPARED_READINGS - 1) / MAX_COMPARED_READINGS > 1 ? (rows + MAX_COMPARED_READINGS - 1) / MAX_COMPARED_READINGS : 1;
     *n = (rows + *stride - 1) / *stride;
     return (3 * *n * sizeof(real) + 63) / 64 * 64;
 }
@@ -170,7 +170,7 @@ int flinders_axis_swap(const real *field, size_t rows, real noise, real noise_li
     real *const breaks = (real *)(void *)behind;
     int64_t counts[6] = {0}, first[6];
     flinders_record undone, recorded;
-    found->swap = NONE, found->moments = 0, found->gain = FL_NOT_A_NUMBER;
+    found->swap = NO_SWAP, found->moments = 0, found->gain = FL_NOT_A_NUMBER;
     if (!workspace || size < flinders_swap_workspace_size(rows)) return FLINDERS_NO_WORKSPACE;
     count_moments(kernels, field, rows, breaks, counts, first);
     const int swap = most_frequent(counts);
@@ -178,12 +178,12 @@ int flinders_axis_swap(const real *field, size_t rows, real noise, real noise_li
     if (count == 0) return FLINDERS_OK;
     list_moments(field, rows, breaks, swap, moments);
     if (fit_undone(field, rows, stride, swap, moments, count, workspace, behind, &undone)) return FLINDERS_OK;
-    if (!(undone.noise <= GAIN * noise && undone.noise <= noise_limit * undone.radius)) return FLINDERS_OK;
+    if (!(undone.noise <= MIN_NOISE_GAIN * noise && undone.noise <= noise_limit * undone.radius)) return FLINDERS_OK;
     const int status = fit_undone(field, rows, stride, swap, moments, 0, workspace, behind, &recorded);
     const real least = undone.noise > FL_TINY ? undone.noise : FL_TINY;
-    const real gain = status == FLINDERS_OK && recorded.noise < MOST * least ? recorded.noise / least : MOST;
+    const real gain = status == FLINDERS_OK && recorded.noise < MAX_STATED_GAIN * least ? recorded.noise / least : MAX_STATED_GAIN;
     const real alike = isnan(undone.correlation_time) ? 1 : undone.correlation_time * undone.excess_variance;
-    if (!(gain > GAIN) || (real)n / alike * fl_log(gain) < EVIDENCE) return FLINDERS_OK;
+    if (!(gain > MIN_NOISE_GAIN) || (real)n / alike * fl_log(gain) < MIN_LOG_GAIN) return FLINDERS_OK;
     found->swap = swap, found->moments = (int64_t)count, found->gain = gain;
     return FLINDERS_OK;
 }

@@ -5,13 +5,13 @@
  */
 #include "residuals.h"
 
-enum { NINE = 9, PARTS = 8, MOST = 6, PRODUCTS = (FL_WIDEST + 1) * (FL_WIDEST + 1) };
+enum { ELLIPSOID_COLUMNS = 9, PARTS = 8, MIN_CLOSER_PARTS = 6, PRODUCTS = (FL_WIDEST + 1) * (FL_WIDEST + 1) };
 
-#define ALIKE ((real)1 / 3)    /* least square of the terms over that of the difference between two halves by chance */
-#define CLOSE ((real)1)        /* and over that of a difference that is no chance */
-#define BY_CHANCE ((real)0.01)
-#define INDEPENDENT ((real)25) /* fewest independent residuals */
-#define USABLE ((real)0.05)    /* of the field: most noise of a recording that is not limited for it */
+#define MIN_SQUARE_RATIO ((real)1 / 3) /* smallest ratio of the square of the terms to that of the difference of two halves: if by chance, */
+#define MIN_PROVEN_SQUARE_RATIO ((real)1) /* and if the difference is significant */
+#define MAX_P_VALUE ((real)0.01)
+#define MIN_INDEPENDENT ((real)25) /* smallest number of independent residuals */
+#define MAX_NOISE_SHARE ((real)0.05) /* largest noise, of the field, of a recording that is not limited for it */
 
 /* The square that is left of readings that were held back, by so many columns from the first on, from the products of
  * these and of all; infinite where the others do not tell the terms. */
@@ -44,19 +44,19 @@ static int predict(const fl_kernels *kernels, const fl_residuals *all, int nine)
         for (int i = 0; i < columns * columns; i++) sum[i] += parts[part][i];
     }
     for (int part = 0; part < PARTS; part++) {
-        const real without = held_back(sum, parts[part], columns, nine, NINE);
+        const real without = held_back(sum, parts[part], columns, nine, ELLIPSOID_COLUMNS);
         const real taken = without - held_back(sum, parts[part], columns, 0, all->width);
         gain += taken;
         closer += taken > 0;
     }
-    return gain > 0 && closer >= MOST;
+    return gain > 0 && closer >= MIN_CLOSER_PARTS;
 }
 
 /* The terms from a place on that a part of the readings tells by itself, and their covariance; 0 where it tells none. */
 static int told_by(const fl_kernels *kernels, const fl_residuals *all, size_t begin, size_t n, int place,
                    const fl_room *room, const flinders_record *record, real *terms, real *covariance)
 {
-    const int width = all->width, count = width - NINE;
+    const int width = all->width, count = width - ELLIPSOID_COLUMNS;
     size_t ends[2] = {0, n};
     real products[PRODUCTS], of_all[FL_WIDEST * FL_WIDEST];
     fl_residuals part = *all;
@@ -77,7 +77,7 @@ static int are_alike(const fl_kernels *kernels, const fl_regression *found, int 
                      const flinders_record *record)
 {
     const fl_residuals *const all = &found->left;
-    const int count = all->width - NINE;
+    const int count = all->width - ELLIPSOID_COLUMNS;
     const size_t half = all->n / 2;
     real one[FL_WIDEST], other[FL_WIDEST], both[FL_WIDEST * FL_WIDEST], of_other[FL_WIDEST * FL_WIDEST], apart, size;
     if (!told_by(kernels, all, 0, half, place, room, record, one, both)) return 0;
@@ -87,7 +87,7 @@ static int are_alike(const fl_kernels *kernels, const fl_regression *found, int 
     const int freedom = fl_chi_square(one, both, count, &apart);
     fl_chi_square(found->solution + place, both, count, &size);
     const real by_chance = fl_chance_of(apart, (real)freedom, (real)(all->n - 2 * (size_t)all->width));
-    return size > (by_chance > BY_CHANCE ? ALIKE : CLOSE) * apart;
+    return size > (by_chance > MAX_P_VALUE ? MIN_SQUARE_RATIO : MIN_PROVEN_SQUARE_RATIO) * apart;
 }
 
 /* Count what makes an error of a level heading at the worst one as a distortion that errs as much. */
@@ -102,7 +102,7 @@ void fl_distort(const fl_surface *surface, real error_deg, real dip_deg, flinder
 int fl_is_same_throughout(const fl_kernels *kernels, const fl_regression *found, int nine, const fl_room *room,
                           const flinders_record *record)
 {
-    if (!(record->noise <= USABLE * record->radius)) return 0;
-    if (!((real)record->used >= INDEPENDENT * record->correlation_time)) return 0;
-    return predict(kernels, &found->left, nine) && are_alike(kernels, found, nine ? 0 : NINE, room, record);
+    if (!(record->noise <= MAX_NOISE_SHARE * record->radius)) return 0;
+    if (!((real)record->used >= MIN_INDEPENDENT * record->correlation_time)) return 0;
+    return predict(kernels, &found->left, nine) && are_alike(kernels, found, nine ? 0 : ELLIPSOID_COLUMNS, room, record);
 }

@@ -246,7 +246,7 @@ def open_log(
         source=table.source,
         format=reader.title,
         instruments=tuple(several or [_as_instrument(table)]),
-        begun=_start_time(table.columns),
+        start_time=_start_time(table.columns),
         notes=() if several else (table.contents(),),
         is_table=True,
     )
@@ -480,7 +480,7 @@ def _log_of(file: Source, reader: Reader, options: _Options) -> Log:
     beginning = np.nan if options.span.is_all else start_time_of(log)
     of_log: dict[str, Any] = {name: getattr(options, name) for name in ("axes", "as_logged", "span", "progress")}
     of_log |= {"beginning": beginning, "file": file, "temporary_files": (disk,)}
-    of_log |= {"position": log.position, "begun": log.begun}
+    of_log |= {"position": log.position, "start_time": log.start_time}
     return replace(log, instruments=tuple(replace(instrument, **of_log) for instrument in log.instruments))
 
 

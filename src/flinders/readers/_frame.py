@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.core.frames import columns_of, hands_out_columns, name_of
+from flinders.core.frames import columns_of, has_columns, name_of
 from flinders.core.samples import BLOCK_ROWS
 from flinders.errors import MissingExtra
 from flinders.foreign_errors import import_optional
@@ -46,7 +46,7 @@ def open_frame(frame: Any, **options: Any) -> TableRecording:  # noqa: ANN401 - 
     if hasattr(frame, "get_column"):
         with suppress(MissingExtra):
             return open_table(File(name, Path(name), 0), _of_arrow(frame, name), **options)
-    if hands_out_columns(frame):
+    if has_columns(frame):
         return open_columns(columns_of(frame), name, **options)
     return open_table(File(name, Path(name), 0), _of_arrow(frame, name), **options)
 

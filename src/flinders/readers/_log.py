@@ -117,7 +117,7 @@ class Instrument:
     others: tuple[str, ...] = ()  #: names of the log's other magnetometers, if none was selected
     damage: tuple[str, ...] = ()  #: parts of the file that could not be read, if it is cut short or broken
     position: Position | None = None  #: position of the log
-    begun: datetime | None = None  #: start of the log in UTC
+    start_time: datetime | None = None  #: start of the log in UTC
     velocity: TimeSeries | None = None  #: velocity over ground, north and east, m/s, by the clock of `columns`
     file: Source | None = None  #: raw bytes of the file on disk
     temporary_files: tuple[Source, ...] = ()  #: temporary files that it needs
@@ -211,7 +211,7 @@ class Log:
     format: str  #: format name for users: ``HDF5``
     instruments: tuple[Instrument, ...]  #: its magnetometers, in the order of their numbers
     position: Position | None = None
-    begun: datetime | None = None  #: start in UTC
+    start_time: datetime | None = None  #: start in UTC
     #: remarks on the file, a sentence each: that it was cut short, that its clock jumps
     notes: tuple[str, ...] = ()
     damage: tuple[str, ...] = ()  #: the notes on parts that could not be read

@@ -8,7 +8,7 @@ from typing import Final
 from flinders.errors import UsageError
 
 MAX_READINGS: Final = 5_000_000
-"""Largest count of readings of a simulated recording, which is held in memory: about 2 GB."""
+"""Largest count of readings of a simulated recording, which takes about 2 GB of memory."""
 
 
 def positive(value: float, name: str) -> float:

@@ -29,7 +29,8 @@ BLOCK_STEPS: Final = 64
 def turns(vectors: ArrayLike) -> Floats:
     """(N, 3, 3) rotations by (N, 3) rotation vectors in rad (Rodrigues).
 
-    Equal to `flinders.geometry.rotation.rotations` except for the last bit, so that recordings of a seed stay the same.
+    The result may differ from that of `flinders.geometry.rotation.rotations` in the last bit; this function is used so
+    that the recording of a seed stays the same.
 
     >>> turns([[0.0, 0.0, np.pi / 2]]).round(3)[0].tolist()
     [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
@@ -84,7 +85,7 @@ def random_attitude(rng: Generator) -> Floats:
 
 
 def rates(attitudes: Floats, rate_hz: float) -> Floats:
-    """(N, 3) body rates in rad/s, constant between (N, 3, 3) attitudes; the last one is repeated."""
+    """(N, 3) angular rates in rad/s in body axes, constant between (N, 3, 3) attitudes; the last rate is repeated."""
     if len(attitudes) < 2:
         return np.zeros((len(attitudes), 3))
     steps = np.swapaxes(attitudes[:-1], 1, 2) @ attitudes[1:]
@@ -93,9 +94,9 @@ def rates(attitudes: Floats, rate_hz: float) -> Floats:
 
 
 def integrate_steps(start: Floats, steps: Floats) -> Floats:
-    """(N, 3, 3) attitudes from a start, each rotated by its step (N, 3, 3) in body axes.
+    """(N, 3, 3) attitudes: the start, and then each attitude rotated by the next of (N, 3, 3) steps in body axes.
 
-    Products of the steps within each block are computed for all blocks together, then the start attitudes of blocks.
+    For speed, products of the steps within a block are computed for all blocks together.
     """
     count = -(-len(steps) // BLOCK_STEPS)
     padded = np.concatenate([steps, np.broadcast_to(np.eye(3), (count * BLOCK_STEPS - len(steps), 3, 3))])

@@ -47,7 +47,7 @@ class Body:
     turning_deg_s: float  #: usual rate of turning, degrees a second
     sway_deg: float  #: root mean square lean away from a constant attitude, about each of two level axes, degrees
     sides: Mapping[Side, str]  #: words for the sides that are lowered
-    circle: str = "turn it {times} around"  #: words for turns about the vertical
+    circle: str = "turn it {times} around"  #: words for circles about the vertical
 
     def sequences(self, tilt_deg: float | None = None) -> tuple[tuple[PoseTurn, ...], ...]:
         """Sequences of turns that the body can follow, the shortest first.

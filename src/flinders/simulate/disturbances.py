@@ -40,14 +40,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Effect:
-    """Effect of a disturbance on N readings, and columns that record it."""
+    """Effect of a disturbance on N readings, and the columns of the log that record the disturbance."""
 
-    shift: Floats  #: (N, 3), µT: added to the raw readings
-    current: Floats | None = None  #: (N,): measured total current of the motors
+    shift: Floats  #: (N, 3), µT: field that is added to the raw readings
+    current: Floats | None = None  #: (N,), A: measured total current of the motors
     temperature: Floats | None = None  #: (N,), °C: measured temperature of the sensor
     outliers: NDArray[np.bool_] | None = None  #: (N,): whether the reading is an outlier
     gain: Floats | None = None  #: (N,): factor on the earth's field
-    currents: Floats | None = None  #: (N, M): measured current of each motor
+    currents: Floats | None = None  #: (N, M), A: measured current of each motor
     #: (N,) numbers or words each: other columns of the log, by name
     auxiliary: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
@@ -92,8 +92,9 @@ class MotorCurrent:
 class Motors:
     """Motors that each cause a different field, as those of a multicopter.
 
-    All follow one throttle, which changes every few seconds. Roll, pitch and yaw commands add differences between them
-    with a sum of zero, which change three times as often. With zero throttle all motors are at rest.
+    All motors follow one throttle, which changes every few seconds. Roll, pitch and yaw commands add differences
+    between the motors, with a sum of zero, which change three times as often. With zero throttle all motors are at
+    rest.
     """
 
     kind: ClassVar[str] = "motors"
@@ -130,7 +131,7 @@ def _eased_settings(since: Floats, values: Floats) -> Floats:
 class NamedColumn:
     """A column of the log that follows the source of a field: a wheel, a servo, a charger.
 
-    It changes every few seconds to a random value in its range or, if it has states, to one of the two.
+    The column changes every few seconds to a random value in its range or, if it has states, to one of the two.
 
     >>> charger = NamedColumn("charger", [4.0, 0.0, 0.0], states=("idle", "charging"), hold=1.0)
     >>> effect = charger.on(np.arange(4.0), np.random.default_rng(2))
@@ -254,9 +255,10 @@ class PassingMagnet:
 
 
 def stray_fields(rng: Generator, n: int, proportion: float) -> tuple[Floats, NDArray[np.bool_]]:
-    """(n, 3) stray fields in field strengths, nonzero for a share of the readings, and (n,) whether each is nonzero.
+    """(n, 3) stray fields, relative to the field strength, and (n,) whether each reading has one.
 
-    Each has half to three field strengths, in a random direction. An invalid share raises `UsageError`.
+    `proportion` is the share of readings with a stray field, which is half to three field strengths in a random
+    direction; for the others it is zero. Raises `UsageError` for an invalid share.
 
     >>> fields, outliers = stray_fields(np.random.default_rng(0), 100, 0.03)
     >>> int(outliers.sum()), bool(np.linalg.norm(fields[outliers], axis=1).min() >= 0.5)
@@ -271,7 +273,10 @@ def stray_fields(rng: Generator, n: int, proportion: float) -> tuple[Floats, NDA
 
 
 def _vector(value: float | ArrayLike, rng: Generator, name: str) -> Floats:
-    """(3,) given vector, or a given length in a random direction; both draw the same count of random numbers."""
+    """(3,) vector as given, or with the given length in a random direction.
+
+    Both cases draw the same count of random numbers.
+    """
     direction = uniform_directions(rng, 1)[0]
     if np.ndim(value) == 0:
         along: Floats = not_negative(float(value), name, "µT") * direction  # type: ignore[arg-type]  # ndim is 0

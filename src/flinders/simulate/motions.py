@@ -42,16 +42,16 @@ GRAVITY: Final = 9.81
 """m/s²."""
 
 SETTLING_STEPS: Final = 200
-"""Count of steps after which the random process no longer depends on its start."""
+"""Count of steps after which a random process no longer depends on its start."""
 
 LEAN_TIME_CONSTANT_S: Final = 0.8
-"""Time constant of each filter for the lean of a swayed body, which changes sides in some seconds."""
+"""Time constant in s of each low-pass filter for the lean of a swayed body, which changes sides in some seconds."""
 
 ROCKING_RATES: Final = ((0.05, 0.08), (0.1, 0.3), (0.2, 0.4))
-"""rad/s: range of the largest roll, pitch and heading rates of a rocked body."""
+"""Range in rad/s of the largest rate of roll, of pitch and of heading of a rocked body."""
 
 WOBBLE_RANGE_HZ: Final = (0.25, 0.6)
-"""Range of the frequencies of roll, pitch and heading of a wobbled body."""
+"""Range in Hz of the frequencies of roll, pitch and heading of a wobbled body."""
 
 TURN_OVER_SHARE: Final = 0.05
 """Share of the readings of planar sweeps while the body is turned from one plane to the next."""
@@ -73,9 +73,9 @@ class Course:
     """Requested properties of a motion."""
 
     n: int  #: count of readings
-    rate_hz: float
+    rate_hz: float  #: readings per second
     world: Floats  #: (3,): unit direction of the field: north, east, down
-    tilt_deg: float | None = None  #: in place of the motion's own limit
+    tilt_deg: float | None = None  #: largest tilt; None for the default of the motion
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,9 +83,9 @@ class Path:
     """Field directions in a moving body, with its motion."""
 
     directions: Floats  #: (N, 3): unit direction of the field in body axes
-    attitudes: Floats | None = None  #: (N, 3, 3)
-    rate: Floats | None = None  #: (N, 3), rad/s
-    acceleration: Floats | None = None  #: (N, 3), m/s²: as in `Trajectory`
+    attitudes: Floats | None = None  #: (N, 3, 3): rotations from body axes into world axes
+    rate: Floats | None = None  #: (N, 3), rad/s: angular rate in body axes
+    acceleration: Floats | None = None  #: (N, 3), m/s²: acceleration as in `Trajectory`
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +122,7 @@ def level_turn(rng: Generator, n: int) -> Floats:
 def hand_tumble(
     rng: Generator, *, seconds: float = 60.0, rate_hz: float = RATE_HZ, speed: float = 1.5, smoothness: float = 0.6
 ) -> Trajectory:
-    """Tumble a body by hand: smooth and random, slowly covering all directions.
+    """Tumble a body by hand, smoothly and randomly, until all directions are covered.
 
     Body rates are white noise through two equal low-pass filters.
 
@@ -149,8 +149,8 @@ def hand_tumble(
 def figure_eight(rng: Generator, *, seconds: float = 60.0, rate_hz: float = RATE_HZ, period: float = 3.0) -> Trajectory:
     """Wave a body in figures of eight, as phones request it: roll to either side, nose up and down twice.
 
-    Each eight of `period` s rolls by about 110° to either side and pitches by about 55° at twice the frequency. The
-    body turns around three times in all, so that no two eights are the same.
+    Each figure of `period` s rolls by about 110° to either side, and pitches by about 55° at twice the frequency. The
+    body turns around three times in all, so that no two figures are the same.
 
     >>> figure_eight(np.random.default_rng(0), seconds=10).attitudes.shape
     (500, 3, 3)
@@ -223,8 +223,8 @@ def swayed(
 ) -> Trajectory:
     """Turn a body through all headings while it leans to all sides: as `tilted`, but continuous in time.
 
-    This is the motion of a vehicle that can be pushed around and tilted by less than `tilt_deg`, but not turned upside
-    down. It turns around `turns_each` times on the spot, so that the accelerometer measures gravity alone.
+    This is the motion of a vehicle that can be turned and tilted by less than `tilt_deg`, but not turned upside down.
+    It turns around `turns_each` times on the spot, so that the accelerometer measures gravity alone.
 
     >>> leant = swayed(np.random.default_rng(0)).attitudes[:, 2, 2]
     >>> bool(25 < np.degrees(np.arccos(leant.min())) < 35)
@@ -249,9 +249,9 @@ def rocked(
 ) -> Trajectory:
     """Rock a body about each of its axes by a different sine: the motion of the MAGYC simulations.
 
-    Roll, pitch and heading are A sin((w/A) t + φ), so that w is the largest rate: a random 0.05 … 0.08, 0.1 … 0.3 and
-    0.2 … 0.4 rad/s, with random phases. `amplitudes_deg` (5, 45, 360) is called WAM there, (5, 5, 360) MAM and
-    (5, 45, 90) LAM; `rate_hz` is 10.
+    Roll, pitch and heading are A sin((w/A) t + φ), so that w is the largest rate. It is drawn from `ROCKING_RATES`,
+    with random phases φ. The simulations of MAGYC call the `amplitudes_deg` (5, 45, 360) WAM, (5, 5, 360) MAM and (5,
+    45, 90) LAM; their `rate_hz` is 10.
 
     References
     ----------
@@ -297,9 +297,9 @@ def planar_sweeps(
 ) -> Trajectory:
     """Turn a body about each of its axes in turn, while that axis points down.
 
-    This is the procedure for two-axis fits: turn it flat on the table, on its side, and on its end, `turns_each` times
-    in each of the planes ``xy``, ``yz`` and ``zx``, named by the two level axes. Between planes the body is turned
-    over. An unknown plane, or no plane, raises `UsageError`.
+    This is the procedure for two-axis fits: the body is turned flat on the table, on its side, and on its end. It is
+    turned `turns_each` times in each of the planes ``xy``, ``yz`` and ``zx``, which are named by the two level axes,
+    and then turned over to the next plane. Raises `UsageError` for an unknown plane, or no plane.
 
     >>> flat = planar_sweeps(np.random.default_rng(0), seconds=10, planes=["xy"])
     >>> bool(np.allclose(flat.attitudes[:, 2], [0.0, 0.0, 1.0]))
@@ -348,7 +348,7 @@ def _motion_in_time(draw: Callable[..., Trajectory], **options: object) -> Calla
 
 
 def _limits(course: Course) -> dict[str, float]:
-    """Keyword argument for the largest tilt, if requested."""
+    """Keyword arguments with the largest tilt, if it was requested; else empty."""
     return {} if course.tilt_deg is None else {"tilt_deg": course.tilt_deg}
 
 
@@ -392,12 +392,12 @@ def _bounded_noise(rng: Generator, n: int, rate_hz: float, *, seconds: float) ->
 
 
 def _to_the_right(heading: Floats, acceleration: Floats) -> Floats:
-    """(N, 3) level acceleration in world axes, from its size (N,) to the right of a heading in rad."""
+    """(N, 3) level acceleration in world axes, of the (N,) size `acceleration` to the right of a heading in rad."""
     return np.stack([-np.sin(heading), np.cos(heading), np.zeros(len(heading))], axis=1) * acceleration[:, np.newaxis]
 
 
 def _interpolated_attitudes(first: Floats, last: Floats, n: int) -> Floats:
-    """(n, 3, 3) attitudes on the shortest rotation from one (3, 3) to another, without both ends."""
+    """(n, 3, 3) attitudes on the shortest rotation from one (3, 3) attitude to another, without these two."""
     vector = rotation_vectors((first.T @ last)[np.newaxis])
     steps = np.arange(1, n + 1)[:, np.newaxis] / (n + 1)
     between: Floats = first @ turns(steps * vector)

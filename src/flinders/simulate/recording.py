@@ -43,10 +43,10 @@ if TYPE_CHECKING:
     from flinders.simulate.disturbances import Perturbation
 
 ACCELERATION_NOISE: Final = 0.05
-"""m/s², one σ per axis."""
+"""Default noise of an accelerometer in m/s², one σ per axis."""
 
 RATE_NOISE: Final = 0.005
-"""rad/s, one σ per axis."""
+"""Default noise of a gyro in rad/s, one σ per axis."""
 
 UNTIMED_READINGS: Final = 1000
 """Default count of readings of a motion without a duration."""
@@ -80,10 +80,10 @@ class Imu:
 class Simulated(ShortRepr):
     """A simulated recording with its truth."""
 
-    samples: Samples  #: in µT; with acceleration and rate if the motion has them
-    sensor: Sensor
+    samples: Samples  #: readings in µT, with acceleration and rate if the motion has them
+    sensor: Sensor  #: the simulated sensor
     directions: Floats  #: (N, 3): true unit direction of the field in body axes
-    field_strength: float  #: µT
+    field_strength: float  #: µT: strength of the field
     outliers: NDArray[np.bool_]  #: (N,): whether the reading was taken in a stray field
     #: (N, 3, 3): true attitudes, from body axes into world axes, if the motion has them
     attitudes: Floats | None = None
@@ -126,18 +126,18 @@ def tumble(
     motion : str or Motion
         One of `MOTIONS`, see the head of this package; or another `Motion`.
     n : int, optional
-        Count of readings; by default those of the duration of the motion, 3,000 for a minute by hand; 1,000 for a
-        motion in random order.
+        Count of readings. By default it follows from the duration of the motion, 3,000 for a minute by hand; it is
+        1,000 for a motion in random order.
     tilt_deg : float, optional
         Largest tilt of the body, for motions with such a limit.
     stationary : float
-        Share of the readings, 0 … 1, while the body is held still, in three pauses.
+        Share of the readings, 0 … 1, at which the body is held still, in three pauses.
     sensor : Sensor, optional
         By default `Sensor.random`.
     field_strength, dip_deg : float, µT and degrees
-        Strength and inclination of the field; the latter is used by motions with attitudes.
+        Strength and inclination of the field; the inclination matters for motions with attitudes.
     noise : float, µT, optional
-        Noise in place of that of the sensor, which is 0.5 for a random one.
+        Noise in place of that of the sensor; 0.5 by default for a random sensor.
     outliers : float
         Share of readings, 0 … 1, taken in a stray field of half to three times `field_strength` in any direction.
     imu : Imu, optional
@@ -203,11 +203,11 @@ def angle_error_deg(
     *,
     rotation: Literal["symmetric", "best"] = "symmetric",
 ) -> float:
-    """Root mean square angle between true and corrected field, over 400 directions spread evenly, in degrees.
+    """Rms angle in degrees between true and corrected field, over 400 directions spread evenly.
 
-    The (3, 3) matrix is judged by its symmetric root (MᵀM)^½, which is all that an ellipsoid fixes of it; its scale
-    does not count. With ``rotation="symmetric"`` the sensor's own `Sensor.rotation` is an error, as it would be of a
-    heading; ``"best"`` removes the best rotation first, for sensors whose matrix is not symmetric.
+    An ellipsoid determines only the symmetric root (MᵀM)^½ of the (3, 3) matrix M, which is therefore used; the scale
+    has no effect. With ``rotation="symmetric"`` the `Sensor.rotation` counts as an error, as it does for headings. With
+    ``"best"`` the rotation that fits best is removed first, for sensors whose matrix is not symmetric.
 
     Raises `ArrayError` for a wrong shape or values that are not finite.
 
@@ -319,24 +319,24 @@ def _combined_outliers(is_outlier: NDArray[np.bool_], effects: Sequence[Effect])
 
 
 def _last(effects: Sequence[Effect], name: str) -> Floats | None:
-    """Column of the last effect that has one, as there is one thermometer."""
+    """Column of the last effect that has this column, because there is only one thermometer."""
     columns = [column for effect in effects if (column := getattr(effect, name)) is not None]
     return columns[-1] if columns else None
 
 
 def _total(columns: Sequence[Floats | None]) -> Floats | None:
-    """Sum of the columns that are not None: of shifts, and of currents, as there is one meter for all motors."""
+    """Sum of the columns that are not None: of shifts, or of currents, because one meter measures all motors."""
     there = [column for column in columns if column is not None]
     total: Floats | None = np.sum(there, axis=0) if there else None
     return total
 
 
 DIGITS: Final = 4
-"""Decimals of all numbers: 0.1 nT, 0.1 ms, 0.0001 rad/s."""
+"""Count of decimals of all numbers: 0.1 nT, 0.1 ms, 0.0001 rad/s."""
 
 
 def lines(samples: Samples, *, corrected: Floats | None = None) -> Iterator[str]:
-    """Yield header and rows, without line ends; numbers have four decimals, for the same text on all machines.
+    """Yield header and rows, without line ends; numbers have four decimals, so that all machines write the same text.
 
     `corrected`, (N, 3) in the unit of the samples, adds three columns with names that end in ``_cal``.
     """
@@ -355,6 +355,6 @@ def _cells(values: NDArray[Any]) -> list[str]:
 
 
 def write_csv(samples: Samples, path: str | os.PathLike[str], *, force: bool = False) -> None:
-    """Write a recording, completely or not at all; raises as `flinders.core.files.open_atomically`."""
+    """Write a recording atomically; raises as `flinders.core.files.open_atomically`."""
     with open_atomically(path, force=force) as file:
         file.writelines(f"{line}\n" for line in lines(samples))

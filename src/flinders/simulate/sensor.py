@@ -23,21 +23,21 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 MAX_SCALE_ERROR: Final = 0.25
-"""Largest difference of a scale of a random sensor from 1."""
+"""Largest difference of a random sensor's scale from 1."""
 
 OFF_DIAGONAL_RATIO: Final = 0.6
-"""Largest off-diagonal entry over the largest scale error."""
+"""Ratio of the largest off-diagonal entry to the largest scale error."""
 
 SOFT_IRON_LIMIT: Final = 0.4545
 """Largest scale error of a random matrix; from 1/2.2 on it may be singular."""
 
 MAX_OFFSET: Final = 100.0
-"""µT: largest offset of an axis of a random sensor."""
+"""Largest offset in µT of an axis of a random sensor."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Sensor(ShortRepr):
-    """A magnetometer with the iron around it: ``raw = matrix @ h + offset + noise``, then rounded and limited.
+    """A magnetometer with the iron around it: ``raw = matrix @ field + offset + noise``, then rounded and limited.
 
     Raises
     ------
@@ -85,7 +85,8 @@ class Sensor(ShortRepr):
         rng : Generator
             Source of nine random numbers: three scales, three off-diagonal entries, three offsets.
         strength : float
-            Factor on all errors: 0 gives a perfect sensor; below 1.8 the matrix is always positive definite.
+            Factor by which all errors are multiplied: 0 gives a perfect sensor; below 1.8 the matrix is always
+            positive definite.
         soft : float
             Largest difference of a scale from 1; off-diagonal entries are at most 0.6 of it.
         hard : float, µT
@@ -111,8 +112,8 @@ class Sensor(ShortRepr):
     def read(self, field: ArrayLike, rng: Generator, *, shift: Floats | None = None) -> Floats:
         """(N, 3) readings, in µT, of an (N, 3) field in µT in the axes of the body.
 
-        The count of random numbers does not depend on `noise`. `shift`, (N, 3) µT, is added to the readings for other
-        disturbances. A wrong shape or values that are not finite raise `ArrayError`.
+        `shift`, (N, 3) µT, is added to the readings, for disturbances. The count of random numbers that are drawn does
+        not depend on the noise. Raises `ArrayError` for a wrong shape, or values that are not finite.
         """
         true = check_table(field)
         raw = true @ self.matrix.T + self.offset + self.noise * rng.standard_normal(true.shape)
@@ -135,8 +136,8 @@ class Sensor(ShortRepr):
     def correction(self) -> tuple[Floats, Floats]:
         """(3, 3) symmetric W and (3,) offset in µT with ``|W (raw − offset)| = |h|``, except for noise.
 
-        W = (A Aᵀ)^(−½), as then |W A h|² = hᵀ Aᵀ (A Aᵀ)⁻¹ A h = |h|². It is A⁻¹ if A is symmetric and positive
-        definite; else the `rotation` remains.
+        For the field h and the matrix A it is W = (A Aᵀ)^(−½), because then |W A h|² = hᵀ Aᵀ (A Aᵀ)⁻¹ A h = |h|². If A
+        is symmetric and positive definite, W is A⁻¹; else the `rotation` W A remains.
 
         >>> Sensor(matrix=np.diag([1.25, 1.0, 0.8])).correction[0]
         array([[0.8 , 0.  , 0.  ],

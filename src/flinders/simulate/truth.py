@@ -46,7 +46,7 @@ class SensorRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     offset: Triple  #: (3,) in the unit of the file
     noise: NotNegative  #: in the unit of the file: 1 σ of each axis
     resolution: Positive | None = None  #: in the unit of the file: step of the converter
-    saturation: Positive | None = None  #: in the unit of the file: where each axis saturates
+    saturation: Positive | None = None  #: in the unit of the file: largest size of a reading of an axis
 
     def __post_init__(self) -> None:
         """Refuse a matrix that is singular or a reflection; called when a file is read."""
@@ -60,7 +60,7 @@ class FieldRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
 
     strength: Positive  #: length of the field in the unit of the file
     dip_deg: Annotated[float, Meta(ge=-90, le=90)]  #: inclination of the field
-    vector: Triple  #: (3,) in the unit of the file: north, east, down
+    vector: Triple  #: (3,) in the unit of the file: field to north, east and down
 
     def __post_init__(self) -> None:
         """Refuse a vector that contradicts strength and dip; called when a file is read."""
@@ -74,11 +74,11 @@ class RecordingRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     """Parameters of the simulated recording."""
 
     motion: str  #: name of the motion
-    seed: int | None = None  #: of the random numbers; null if it was not one number
+    seed: int | None = None  #: seed of the random numbers; null if it was not a number
     readings: Count  #: count of readings
-    rate_hz: Positive | None = None  #: null without times
+    rate_hz: Positive | None = None  #: readings per second; null without times
     outliers: Count = 0  #: count of outliers
-    gyro_bias: Triple | None = None  #: (3,) rad/s; null without a gyro
+    gyro_bias: Triple | None = None  #: (3,) rad/s: reading of the gyro at rest; null without a gyro
     disturbances: tuple[str, ...] = ()  #: kinds of the disturbances
 
 
@@ -90,7 +90,7 @@ class Truth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_f
     sensor: SensorRecord  #: the sensor with the iron around it
     field: FieldRecord  #: the field at the site
     recording: RecordingRecord  #: parameters of the recording
-    version: str  #: release of Flinders: the same seed gives the same bytes in the same release
+    version: str  #: release of Flinders; in one release a seed always gives the same bytes
 
     @classmethod
     def of(cls, simulated: Simulated) -> Truth:
@@ -162,7 +162,7 @@ def loads(text: str | bytes, *, source: str = "truth") -> Truth:
 
 
 def dumps(truth: Truth) -> str:
-    """Text of the file, from which numbers are read bitwise equal; `UsageError` for numbers that are not finite."""
+    """Text of the file, from which numbers are read to the bit; raises `UsageError` for numbers that are not finite."""
     content = truth.as_dict()
     for place in nonfinite_places(content):
         raise UsageError(f"truth: {place} is not finite: only finite numbers are written")
@@ -170,7 +170,7 @@ def dumps(truth: Truth) -> str:
 
 
 def write(truth: Truth, path: str | os.PathLike[str], *, force: bool = False) -> None:
-    """Write the truth, completely or not at all; raises as `dumps` and `flinders.core.files.write_text`."""
+    """Write the truth atomically; raises as `dumps` and `flinders.core.files.write_text`."""
     write_text(dumps(truth), path, force=force)
 
 

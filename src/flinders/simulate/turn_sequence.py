@@ -1,7 +1,7 @@
-"""A body that is turned once around in one attitude after the other, as a person follows instructions.
+"""Motion of a body that is turned once around in one attitude after the other, as a person follows instructions.
 
-The body turns about the vertical at a constant speed, then leans over to the next attitude at the same speed. Hands,
-wind or waves sway it meanwhile.
+The body turns about the vertical at a constant rate, then leans over to the next attitude at the same rate. Meanwhile
+hands, wind or waves sway it.
 
 >>> sequence = [PoseTurn(), PoseTurn("nose", 45.0)]
 >>> turning = turn_sequence(np.random.default_rng(0), sequence, seconds=20.0, sway_deg=0.0)
@@ -52,7 +52,7 @@ class PoseTurn:
     """One turn about the vertical in a constant attitude."""
 
     side: Side = "nose"  #: side that is lowered
-    tilt_deg: float = 0.0  #: angle by which that side is lowered; 180 is upside down
+    tilt_deg: float = 0.0  #: angle by which `side` is lowered; 180 is upside down
 
     @property
     def lean(self) -> Floats:
@@ -82,9 +82,9 @@ def turn_sequence(
     Parameters
     ----------
     sequence : sequence of PoseTurn
-        At least one.
+        At least one turn.
     sway_deg : float
-        Root mean square lean away from the attitude, about each of two axes; it comes and goes within some seconds.
+        Rms lean away from the attitude, about each of two axes; it changes within some seconds.
     """
     n = count(round(seconds * rate_hz))
     time = np.arange(n, dtype=np.float64) / rate_hz

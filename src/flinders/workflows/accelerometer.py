@@ -55,10 +55,10 @@ class AccelerometerFit:
     inertial: Inertial  #: the correction of the accelerometer, and of a gyro if one was recorded
     tilt_error: TiltError  #: of the vertical at rest, within the accelerometer's own axes
     poses: int  #: count of still poses, or of readings if each counts as a pose
-    is_still: bool  #: whether the device was put down; otherwise each reading counts as a pose, and residuals give the
-    #: noise
-    sees_misalignment: bool  #: whether the poses determine the orthogonality of the axes; else the claim includes 0.01
-    #: rad, 1 σ, for it
+    #: whether the device was put down; otherwise each reading counts as a pose, and the noise is that of the residuals
+    is_still: bool
+    #: whether the poses determine the misalignment of the axes; else the claim includes 1 σ of 0.01 rad for it
+    sees_misalignment: bool
     excess: float  #: ratio of residuals to the noise within poses, 1 σ
     source: str  #: name of the recording
 

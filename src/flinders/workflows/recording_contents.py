@@ -251,7 +251,7 @@ def contents(
         source=log.source,
         format=log.format,
         bytes=None if file is None else file.size,
-        start=None if log.begun is None else log.begun.strftime("%Y-%m-%d %H:%M:%S"),
+        start=None if log.start_time is None else log.start_time.strftime("%Y-%m-%d %H:%M:%S"),
         position=None if position is None else (position.latitude_deg, position.longitude_deg, position.altitude_m),
         site=site,
         sensors=_sensors_of(log, topic, Request(columns=columns, unit=unit, chip=named, site_ut=site_ut, spell=spell)),

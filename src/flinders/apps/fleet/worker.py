@@ -40,7 +40,7 @@ from flinders.apps.fleet.results import VERDICTS, UnitResult, UnitResults, needs
 from flinders.apps.fleet.storage import StoredFile
 from flinders.apps.fleet.unreadable import Unreadable, UnreadableGroups
 from flinders.core.axes import Axes
-from flinders.core.frames import hands_out_columns, is_frame
+from flinders.core.frames import has_columns, is_frame
 from flinders.core.keywords import check_keywords
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
@@ -199,7 +199,7 @@ def _open_in_memory(table: Any, options: Options) -> tuple[KeyedTable | KeyedFra
     try:
         arrow = needs_arrow()
     except MissingExtra:
-        if not hands_out_columns(table):
+        if not has_columns(table):
             raise
         frame = KeyedFrame.of(table, options)
         return frame, frame.rows
@@ -307,7 +307,7 @@ def _log(part: FileSlice, options: Options, copies: contextlib.ExitStack) -> Seq
             axes=options.axes,
             as_logged=options.as_logged,
         )
-        begun = 0.0 if log.begun is None else log.begun.timestamp()
+        begun = 0.0 if log.start_time is None else log.start_time.timestamp()
         return [Job(name, recording, _first_block(each), 0, begun) for name, each in _instruments(log, unit, options)]
     except OutputError:  # no space for a copy, which is no fault of the file
         raise

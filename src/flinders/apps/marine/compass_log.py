@@ -153,7 +153,7 @@ class CourseLog:
     words: str  # description of its contents
     velocity: TimeSeries  # north and east, m/s, by s since 1970
     position: Position | None
-    begun: datetime | None
+    start_time: datetime | None
 
     def velocity_on_clock(self, start: float) -> TimeSeries:
         """Velocity with times on a clock that starts at `start`, in s since 1970."""

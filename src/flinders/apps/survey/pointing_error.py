@@ -129,7 +129,7 @@ def _information(
     there = at.with_attitudes(attitudes)
     group = ShotGroup.of(*predict_readings(at, attitudes), np.zeros(len(attitudes), np.intp))
     layout = SurveyLayout(len(attitudes), gravity)
-    matrix = group.linearise(there, group.guess(there), layout, noises).matrix
+    matrix = group.linearize(there, group.guess(there), layout, noises).matrix
     own, other = layout.instrument, layout.attitudes
     added: Floats = matrix[own, own] - matrix[own, other] @ np.linalg.solve(matrix[other, other], matrix[other, own])
     return added

@@ -5,7 +5,7 @@ is that of Tolles and Lawson, with a permanent, an induced and an eddy-current p
 
     B_a = p + Λ B_e + E dB_e/dt
 
-and both magnetometers measure B_e + B_a, without linearisation.
+and both magnetometers measure B_e + B_a, without linearization.
 
 >>> flight = calibration_flight(seed=1)
 >>> len(flight.manoeuvres), flight.manoeuvres[0].name, flight.manoeuvres[0].heading_deg

@@ -292,6 +292,6 @@ def _ranked_messages(autopilot: int, compass: int) -> tuple[int, ...]:
     return tuple(sorted(known, key=lambda number: (number != HIGHRES_IMU, number == RAW_IMU)))
 
 
-def opened(source: ByteSource, compass: int) -> Telemetry:
+def open_feed(source: ByteSource, compass: int) -> Telemetry:
     """Find the vehicle on a link, and return the feed of one of its compasses. Raises as `Vehicle.find`."""
     return Telemetry(Vehicle.find(source), compass)

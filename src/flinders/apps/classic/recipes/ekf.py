@@ -48,7 +48,7 @@ class Ekf:
 
         h(b, D) = −xᵀ(2D + D²)x + 2xᵀ(I + D)b − |b|²,      R = 4σ²|m|² + 6σ⁴,      mean of the noise −3σ²
 
-    linearised at the current state, with the covariance in Joseph's form [1]_. b and D are those of
+    linearized at the current state, with the covariance in Joseph's form [1]_. b and D are those of
     `flinders.apps.classic.recipes.attitude_independent`; H is found as for `AlonsoShuster`. A constant strength works
     too: if directions come at random, the prior keeps the filter away from D = −I.
 
@@ -56,7 +56,7 @@ class Ekf:
     while the sensor stays near one direction, the filter fits noise along the unobserved directions.
 
     Use it to see how a filter on board converges, with `converge`, and for parity with one. Do not use it for accuracy:
-    each reading is linearised at the state of its time, so that the result depends on the order and on the start, which
+    each reading is linearized at the state of its time, so that the result depends on the order and on the start, which
     the filter's covariance ignores. The difference from fits of all readings at once is added to the covariance here,
     which is not possible on board.
 

@@ -267,8 +267,8 @@ class Watch(program.Group):
             return None
         from flinders.links.feeds import publisher_kind
 
-        opened: Callable[..., Publisher] = publisher_kind("ros2")
-        return opened(source.feed, *([self.publish] if self.publish else []))
+        open_publisher: Callable[..., Publisher] = publisher_kind("ros2")
+        return open_publisher(source.feed, *([self.publish] if self.publish else []))
 
     def initial_calibration(self) -> OnlineCalibration | InitialSettings:
         """Return the calibration of the state file if it exists, else the settings to begin one."""
@@ -395,7 +395,7 @@ def _start_time(recording: Recording) -> float:
     """Start of a recording's times, s from 1970; 0 if unknown."""
     from flinders.apps.service.sources import first_time
 
-    begun: datetime | None = getattr(recording, "begun", None)  # for a vehicle's log: its first reading
+    begun: datetime | None = getattr(recording, "start_time", None)  # for a vehicle's log: its first reading
     return clock_start(recording) if begun is None else begun.timestamp() - first_time(recording)
 
 

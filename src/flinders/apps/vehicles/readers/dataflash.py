@@ -162,7 +162,7 @@ def open_dataflash(file: File) -> Log:
         "ArduPilot DataFlash",
         instruments,
         position=_position(messages),
-        begun=_start_time(messages, instruments),
+        start_time=_start_time(messages, instruments),
         notes=(*_notes(messages), *damage),
         damage=damage,
     )

@@ -130,7 +130,7 @@ def open_ros(file: File, *, unit: str | None = None) -> Log:
             for one in _instruments(file.name, ordered, since, given)
         ),
         position=_position(ordered),
-        begun=datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=since // 1000) if since else None,
+        start_time=datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=since // 1000) if since else None,
         notes=tuple(_about(file, topics)),
     )
 

@@ -153,7 +153,7 @@ def open_tlog(file: File) -> Log:
         "MAVLink telemetry",
         tuple(_instrument(file, telemetry, *each, several=several) for each in streams),
         position=telemetry.position,
-        begun=datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=begun),
+        start_time=datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=begun),
         notes=damage,
         damage=damage,
     )

@@ -114,7 +114,7 @@ def open_ulog(file: File) -> Log:
             "PX4 ULog",
             tuple(replace(one, velocity=velocity, look_up=partial(named_series, file)) for one in instruments),
             position=_position(flight),
-            begun=_start_time(flight),
+            start_time=_start_time(flight),
             notes=(*version, *damage),
             damage=damage,
         )

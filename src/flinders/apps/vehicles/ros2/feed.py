@@ -268,7 +268,7 @@ def _stamp(message: Any) -> int:  # noqa: ANN401 - a message of Cyclone DDS
     return int(stamp.sec * SECOND_NS + stamp.nanosec or message.sample_info.source_timestamp)
 
 
-def opened(topic: str, imu_topic: str | None = None, unit: str | None = None) -> TopicFeed:
+def open_feed(topic: str, imu_topic: str | None = None, unit: str | None = None) -> TopicFeed:
     """Find a topic in the domain of ``ROS_DOMAIN_ID``, and return its feed.
 
     Raises as `domain_id`, `full_name`, `Participant` and `Participant.find`.

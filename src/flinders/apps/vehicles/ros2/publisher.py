@@ -114,8 +114,8 @@ class TopicPublisher:
         return String_(text)
 
 
-def opened(feed: Feed, topic: str = CORRECTED) -> TopicPublisher:
-    """Return the publisher for the feed of a topic; `UsageError` for another feed, and as for `TopicPublisher`."""
+def open_publisher(feed: Feed, topic: str = CORRECTED) -> TopicPublisher:
+    """Return the publisher for a feed of a topic; `UsageError` for another feed, or as `TopicPublisher`."""
     if not isinstance(feed, TopicFeed):
         raise UsageError(f"{feed.name} is not a topic of ROS 2: --publish needs a feed with --ros2")
     return TopicPublisher(feed, topic)
