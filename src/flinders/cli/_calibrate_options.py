@@ -200,7 +200,9 @@ class Sensors(program.Group):
         """Whether every magnetometer is calibrated, each with its own result."""
         is_all = self.sensor is not None and self.sensor.strip().casefold() == "all"
         if is_all and len(recordings) > 1:
-            raise UsageError("--sensor all goes with one file of several magnetometers: give one, or leave it out")
+            raise UsageError(
+                "--sensor all goes with one file of several magnetometers: give one file, or leave --sensor out"
+            )
         if self.joint and not is_all:
             raise UsageError("--joint goes with --sensor all: it takes all magnetometers of a log or table")
         if self.reference is not None and not self.joint:
@@ -213,8 +215,10 @@ class SiteOptions(program.Group, heading=program.SITE):
 
     place: str | None = program.member(
         "--at", metavar="LAT,LON[,ALT]|none",
-        help="Site of the recording, whose dip and strength are then used (from a field model; with --date) [default: "
-        "the position in a log; none ignores it].",
+        help=(
+            "Site of the recording: the fit uses the dip and the strength of a field model there; needs --date "
+            "[default: the position in a log; none ignores that position]."
+        ),
     )  # fmt: skip
     date: str | None = program.member("--date", metavar="DAY", help="Day of the recording, such as 2026-11-21.")
     model: FieldModel | None = option.field_model()
@@ -263,9 +267,11 @@ class AidingOptions(program.Group, heading=program.AIDING):
 
     names: tuple[str, ...] = program.member(
         "--with", multiple=True, metavar="NAME,…", keywords=("aiding", "disturbances"),
-        help="Other recorded quantities to use: current, throttle, temperature, whose effect on the offset is modelled "
-        "(currents, throttles: of each motor; current2: of one), or any other column by its name in the log, such as "
-        "wheel_speed_rpm or BAT.Curr; rate, dip, tilt, attitude, or auto.",
+        help=(
+            "Other recorded quantities to use. Disturbances of the offset: current, throttle, temperature, currents "
+            "or throttles of each motor, current2 of one motor, or any column by its name, such as wheel_speed_rpm "
+            "or BAT.Curr. Aiding sensors: rate, dip, tilt, attitude, or auto."
+        ),
     )  # fmt: skip
     gyro_scale_sigma: float | None = program.member(
         "--gyro-scale", metavar="SHARE",
@@ -297,16 +303,18 @@ class AidingOptions(program.Group, heading=program.AIDING):
         """Arguments `aiding` and `disturbances` of `flinders.fit`."""
         aiding, disturbances = split_recorded_names(self.names)
         if self.gyro_scale_sigma is not None and not {"rate", "auto"} & set(aiding):
-            raise UsageError("--gyro-scale goes with --with rate or auto: leave it out, or name the gyro")
+            raise UsageError(
+                "--gyro-scale goes with --with rate or auto: leave --gyro-scale out, or add rate to --with"
+            )
         for name, value in (("bias", self.acceleration_bias_sigma), ("gain", self.acceleration_gain_sigma)):
             if value is not None and not {"dip", "auto"} & set(aiding):
                 raise UsageError(
-                    f"--accelerometer-{name} goes with --with dip or auto: leave it out, or name the accelerometer"
+                    f"--accelerometer-{name} goes with --with dip or auto: leave it out, or add dip to --with"
                 )
         if self.previous is not None and not disturbances:
             raise UsageError(
-                "--previous goes with --with current, currents, throttle, throttles, temperature or another column: "
-                "name them"
+                "--previous goes with the disturbances of --with: name current, currents, throttle, throttles, "
+                "temperature or another column, or leave --previous out"
             )
         instruments = self._instruments(aiding) if aiding else ()
         options = {"aiding": instruments, "disturbances": disturbances}

@@ -55,7 +55,7 @@ def read_and_left_out(rows: int, skipped: Iterable[Skipped]) -> str:
 
     >>> from flinders.core.samples import Skipped
     >>> read_and_left_out(600, [Skipped("other", 3, (1, 2, 3), "LIS3MDL found"), Skipped("not finite", 1, (9,))])
-    "600 readings, 3 other lines (line 1: 'LIS3MDL found'), 1 not finite line (line 9)"
+    "600 readings, 3 other lines (line 1: 'LIS3MDL found'), 1 line without finite readings (line 9)"
     """
     words = [count_text(rows, "reading")]
     for entry in skipped:
@@ -64,7 +64,7 @@ def read_and_left_out(rows: int, skipped: Iterable[Skipped]) -> str:
             continue
         example = f": {entry.example!r}" if entry.example else ""
         where = f" (line {entry.lines[0]}{example})" if entry.lines else ""
-        words.append(f"{count_text(entry.rows, f'{entry.reason} line')}{where}")
+        words.append(f"{entry.amount_text('line')}{where}")
     return ", ".join(words)
 
 

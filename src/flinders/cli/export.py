@@ -70,7 +70,7 @@ Example:
 
 \b
 Exit codes:
-  4  refused: the target cannot store it; names the value and the loss
+  4  refused: the target cannot store the calibration; the message names the value and the loss
 """,
 )
 def command(options: ExportCommand) -> None:

@@ -77,7 +77,9 @@ def command(options: Import) -> None:
         _import_log(options)
         return
     if options.sensor is not None:
-        raise UsageError(f"--sensor goes with a log, and {file} is not one: choose one of several with --compass")
+        raise UsageError(
+            f"--sensor goes with a log, and {file} is not a log: choose one of several compasses with --compass"
+        )
     outputs = options.checked_outputs()
     content = read_bytes(file, largest=MAX_FILE_BYTES, what="file of parameters", refused=DocumentError)
     _refuse_own(content, file)

@@ -192,7 +192,7 @@ def _join_recordings(recordings: Sequence[FileRecording]) -> Recording:
         if other.unit != first.unit:
             raise UnitError(
                 f"{first.source} is in {first.unit.name} and {other.source} in {other.unit.name}: "
-                "recordings of one sensor need one unit; say which",
+                "recordings of one sensor need one unit: name it",
                 hint={"unit": None},
             )
     return Joined((first, *others)) if others else first

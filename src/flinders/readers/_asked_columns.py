@@ -60,7 +60,8 @@ def with_acceleration(asked: str, names: Sequence[str], columns: Columns, width:
     own = column_of(ACCELERATION, places_of_columns(asked, names, width), names)
     if taken := [name for name, cell in zip(own.names, own.cells, strict=True) if cell in columns.field.cells]:
         raise UsageError(
-            f"acceleration {asked!r}: {', '.join(taken)} is read as the magnetometer: name its three columns",
+            f"acceleration {asked!r}: {', '.join(taken)} is read as the magnetometer: also name the columns of the "
+            "magnetometer",
             hint={"columns": None},
         )
     others = tuple(column for column in columns.auxiliary if column.kind != ACCELERATION)

@@ -110,7 +110,8 @@ def find_accepting(
     if code_name is not None and not target.named:
         takes = ", ".join(each.name for each in registry().values() if each.named)
         raise UsageError(
-            f"{target.name} has no names to choose: leave the name out; targets that have: {takes}", hint={"name": None}
+            f"names in code of {target.name} are fixed: leave the name out; targets with a choice: {takes}",
+            hint={"name": None},
         )
     if noise and not target.estimator:
         takes = ", ".join(each.name for each in registry().values() if each.estimator)

@@ -280,7 +280,8 @@ class Hub:
 
         if request.edits.refreshing and self.renewed is not None and request.previous != self.previous.number:
             raise UsageError(
-                f"another page chose {self.previous.name} meanwhile: check that page, and press Finish again"
+                f"another page chose {self.previous.name} as the earlier calibration: check that page, and press "
+                "Finish again"
             )
         async with self._finishing:
             made = next((each for each in self.finished.values() if each.request == request), None)

@@ -64,7 +64,9 @@ def distox_coefficients(calibration: SurveyCalibration) -> bytes:
     """
     if calibration.pointing != "x":
         raise NotExportable(
-            f"the laser is along {calibration.pointing}, that of a DistoX along x", beyond=("pointing",)
+            f"the laser is along {calibration.pointing}, and a DistoX needs it along x: map the axes, and calibrate "
+            "again",
+            beyond=("pointing",),
         )
     sensors = (calibration.accelerometer, calibration.magnetometer)
     if calibration.magnetometer.raw.name != COUNTS or not all(sensor.axes.is_identity for sensor in sensors):

@@ -131,7 +131,8 @@ class Signal:
         long = [run for run in whole if run.seconds >= MIN_RUN_S]
         if not long:
             raise FitError(
-                f"no {MIN_RUN_S:g} s without a gap of {MAX_GAP_S:g} s: record manoeuvres and lines in one piece",
+                f"no stretch of {MIN_RUN_S:g} s is free of gaps of {MAX_GAP_S:g} s: record manoeuvres and lines in "
+                "one piece",
                 found=max((run.seconds for run in whole), default=0.0),
                 needed=MIN_RUN_S,
             )

@@ -175,7 +175,7 @@ class ServedPage(program.Group):
     )  # fmt: skip
     web_port: int | str = program.member(
         "--port", type=_port, default=PORT, show_default=True, metavar="N",
-        help="Port of the page; 0 for any free one. A serial port here means --serial.",
+        help="Number of the page's port; 0 for any free one. The name of a serial port counts as --serial.",
     )  # fmt: skip
     opens: bool | None = program.member(
         "--open/--no-open", default=None, help="Open a browser [default: if there is a screen]."

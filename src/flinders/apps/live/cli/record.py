@@ -94,7 +94,9 @@ class Record(program.Group):
         if not self.output:
             raise UsageError("need a file to write: -o tumble.csv, or -o - for standard output")
         if self.resume and (self.force or self.output == "-"):
-            raise UsageError(f"--resume continues a file: leave {'--force out' if self.force else 'it out with -o -'}")
+            raise UsageError(
+                f"--resume continues a file: leave {'--force out' if self.force else '--resume out with -o -'}"
+            )
 
     def open_recorder(self, stack: contextlib.ExitStack) -> tuple[str, Callable[..., RecordingStatistics]]:
         """Return the name of the source, and a function that records it, with arguments as `Recorder`."""

@@ -93,7 +93,7 @@ class BoatOptions(program.Group, heading=BOAT):
     )  # fmt: skip
     min_speed: float = program.member(
         "--min-speed", type=program.positive, default=2.0, show_default=True, metavar="M/S",
-        help="Smallest speed over ground of a leg whose course is used.",
+        help="Lowest speed over ground at which the course of a leg is used.",
     )  # fmt: skip
     crab_deg: float = program.member(
         "--crab", type=program.number_within(0, 45, "degrees from 0 to 45", zero=True), default=1.0, show_default=True,
@@ -114,7 +114,10 @@ class KnownHeadings(program.Group):
     )  # fmt: skip
     stationary_s: float = program.member(
         "--stationary", heading=program.RECORDING, type=program.positive, default=2.0, show_default=True, metavar="S",
-        help="Shortest stationary interval in LOG, in s (without a clock: 50 readings; log of a boat: 20 s).",
+        help=(
+            "Shortest stationary interval in LOG, in s. Without a clock it is 50 readings, for the log of a boat 20 "
+            "s."
+        ),
     )  # fmt: skip
 
     @property
@@ -188,7 +191,7 @@ class SwingOptions(program.Group):
         if any((self.output, self.svg, self.sentences, rule.certificate, rule.limit, rule.before)):
             raise UsageError(
                 "without known headings there is no curve: give --headings, or leave -o, --svg, --hdg, --certificate, "
-                "--before and the limit out"
+                "--before and --limit out"
             )
 
     def refuse_of_recording(self) -> None:

@@ -124,7 +124,7 @@ def _check(options: Survey, path: str) -> int:
     typed = [name for name in FIT_OPTIONS if program.is_typed(name)]
     if typed:
         names = ", ".join(f"--{name.removesuffix('_deg').replace('_', '-')}" for name in typed)
-        raise UsageError(f"with --previous nothing is fitted, and the file has the axes: leave {names} out")
+        raise UsageError(f"with --previous nothing is fitted, and its file states the axes: leave {names} out")
     errors, name = check_survey(options.path, path), Path(path).name
     options.outputs.print(
         lambda: {"rms_deg": errors.rms_deg, "shots": errors.as_dict()}, lambda: of_check(errors, name)

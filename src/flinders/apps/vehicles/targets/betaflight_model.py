@@ -274,7 +274,7 @@ def _length(correction: EllipsoidCorrection, source: str) -> float:
         determinant = abs(float(np.linalg.det(to_floats(correction.soft_iron))))
     if not 0.0 < determinant < MAX_NUMBER:
         raise DocumentError(
-            f"{source}: soft_iron has a determinant of {determinant:.2g}: need one that corrects all three axes"
+            f"{source}: soft_iron has a determinant of {determinant:.2g}: need a matrix that corrects all three axes"
         )
     return correction.radius / float(determinant ** (1 / 3))
 
