@@ -772,7 +772,7 @@ def test_logs_that_are_no_longer_in_memory_are_refused_in_words(bench: Bench) ->
     for number in (numbers[0], "0000", "../session.csv"):
         answer = bench.finish(log=number)
         assert answer.status_code == 400
-        assert "drop it again" in answer.json()["words"]
+        assert "drop the log" in answer.json()["words"]
 
 
 @pytest.mark.parametrize("content", [b"", b"\x00" * 5000, b"hello, world\n" * 50, b"1,2\n3,4\n"])

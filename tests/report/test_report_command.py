@@ -128,7 +128,7 @@ def test_names_with_markup_are_words(tmp_path: Path) -> None:
     ("words", "code", "said"),
     [
         (("report", "calibration.json"), 2, "RECORDING"),
-        (("report", "tumble.csv", "calibration.json"), 2, "it comes first"),
+        (("report", "tumble.csv", "calibration.json"), 2, "comes first"),
         (("report", "calibration.json", "none.csv"), 5, "does not exist"),
         (("report", "none.json", "tumble.csv"), 5, "no such file"),
         (("report", "calibration.json", "tumble.csv", "-o", "r.pdf"), 2, "--pdf r.pdf"),

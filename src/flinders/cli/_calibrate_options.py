@@ -50,8 +50,10 @@ class OutputOptions(program.Group, heading=program.OUTPUT):
     )  # fmt: skip
     exported: tuple[str, ...] = program.member(
         "--export", multiple=True, metavar="TARGET[:FILE]",
-        help="Also write the calibration for one of `flinders targets` [FILE: the target's name with its suffix]; may "
-        "be given several times.",
+        help=(
+            "Also write the calibration for a target of `flinders targets` [FILE: the target's name with its "
+            "suffix]; may be given several times."
+        ),
     )  # fmt: skip
     convergence: str | None = program.member(
         "--convergence", what="the convergence", metavar="FILE",
@@ -159,7 +161,7 @@ class Estimation(program.Group, heading=program.METHOD):
             self._refuse_but_recipes()
         if self.robust and self.method != "auto":
             raise UsageError(
-                "--robust goes with --method auto: leave it out"
+                "--robust goes with --method auto: leave --robust out"
                 + ("" if self.method == "robust" else f", or use --method robust instead of {self.method}")
             )
         if self.prior is None:
@@ -285,14 +287,17 @@ class AidingOptions(program.Group, heading=program.AIDING):
         type=program.number_within(
             0, 2, "m/s² from 0 to 2, such as 0.05; 0 if the accelerometer is calibrated", zero=True
         ),
-        help="With --with dip: uncertainty of the accelerometer's bias, 1 σ; 0 if it is calibrated [default: 0.3].",
+        help="With --with dip: uncertainty of the accelerometer's bias, 1 σ; 0 for a calibrated one [default: 0.3].",
     )  # fmt: skip
     acceleration_gain_sigma: float | None = program.member(
         "--accelerometer-gain", metavar="SHARE",
         type=program.number_within(
             0, 0.5, "a share from 0 to 0.5, such as 0.02; 0 if the accelerometer is calibrated", zero=True
         ),
-        help="With --with dip: uncertainty of its gains, and of the angles of its axes (rad), 1 σ [default: 0.02].",
+        help=(
+            "With --with dip: uncertainty of the accelerometer's gains, and of the angles of its axes (rad), 1 σ "
+            "[default: 0.02]."
+        ),
     )  # fmt: skip
     previous: str | None = program.member(
         "--previous", metavar="CALIBRATION",
@@ -349,7 +354,7 @@ def split_recorded_names(words: Iterable[str]) -> tuple[tuple[str, ...], tuple[s
         raise UsageError("--with has no names: give some, such as --with rate,dip, or --with auto")
     sensors = tuple(name for name in names if name in (AUTO, *AIDING_TERMS))
     if AUTO in sensors and len(sensors) > 1:
-        raise UsageError(f"--with {','.join(sensors)}: auto uses everything in the recording, give it alone")
+        raise UsageError(f"--with {','.join(sensors)}: auto uses everything in the recording: give auto alone")
     disturbances = tuple(name for name in names if name not in sensors)
     for name in disturbances:
         if name not in MOTORS.values():

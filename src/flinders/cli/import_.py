@@ -132,7 +132,7 @@ def _provenance(content: bytes, file: str, name: str, compass: int | None) -> Pr
 def _refuse_own(content: bytes, file: str) -> None:
     """Refuse a calibration file of our own, which needs no import."""
     if content.lstrip()[:1] == b"{" and b'"field_strength_known"' in content and b'"calibration"' in content:
-        raise UsageError(f"{file} is a calibration file already: give it to the command that needs it")
+        raise UsageError(f"{file} is a calibration file already: no import is needed")
 
 
 def _words(file: str, name: str, calibration: Calibration) -> list[str]:

@@ -320,8 +320,8 @@ def _refuse_pair(a: Fit, b: Fit) -> None:
         if high > MAX_RADIUS_RATIO * low:
             raise UsageError(
                 f"{a.provenance.name} has a radius of {figures(_radius(a), 3)} {unit_label(ours.unit)}, "
-                f"{b.provenance.name} one of {figures(_radius(b), 3)}: gain or unit differ, calibrate both "
-                "with the same"
+                f"{b.provenance.name} one of {figures(_radius(b), 3)}: gain or unit differ; calibrate both "
+                "with the same gain and unit"
             )
     if np.array_equal(ours.offset, theirs.offset) and np.array_equal(ours.matrix, theirs.matrix):
         if a.provenance.name == b.provenance.name:

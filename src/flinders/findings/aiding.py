@@ -40,8 +40,8 @@ ROWS: Final = (
             "rad/s, with the signs of the right-hand rule"
         ),
         plain=(
-            "The recorded turning rate does not agree with the compass, unless it is in another unit. The rate was not "
-            "used."
+            "The recorded turning rate agrees with the compass only if its unit or its sign is changed. The rate was "
+            "not used."
         ),
         remedy="Record the turning rate in radians a second.",
     ),
@@ -159,7 +159,10 @@ ROWS: Final = (
             "{why_astray}; {aid!r} was not used"
         ),
         plain="The recorded attitude of the body contradicts the compass. It was not used.",
-        remedy="Check in which direction the recorded attitude turns, its times, and that it is of the same body.",
+        remedy=(
+            "Check the direction of rotation and the times of the recorded attitude, and that the attitude is that of "
+            "the same body."
+        ),
     ),
     CatalogueRow(
         code="aid-diverged",
@@ -182,8 +185,8 @@ ROWS: Final = (
         action="record that quantity, or leave the aiding sensor out; it was not used",
         rule=Rule("usable", (Grade("limits", 12.0),), comparison="<"),
         said=(
-            "only {usable:.0f} of {samples:,.0f} readings have {what_is_empty}; {aid!r} was not used. Log what is "
-            "missing with every reading, or leave {aid!r} out"
+            "only {usable:.0f} of {samples:,.0f} readings have {what_is_empty}, which {aid!r} needs; {aid!r} was not "
+            "used. Record more of these values, or leave {aid!r} out"
         ),
         plain=(
             "An additional quantity for the calibration, such as the turning rate, is missing in nearly all readings. "

@@ -170,7 +170,7 @@ ROWS: Final = (
         said="filtered ({filter}{dropped_words}){filter_effect}",
         plain="The readings went through a filter, which moved the heading by {angle} at the worst.",
         remedy=(
-            "If the filter moved the heading by more than the error given here, calibrate again without it, or "
+            "If the filter moved the heading by more than the error given here, calibrate again without the filter, or "
             "turn the sensor more slowly."
         ),
     ),

@@ -43,7 +43,7 @@ ROWS: Final = (
             "A recorded disturbance, such as a current, has so much noise that its effect was found up to {number:.0%}"
             " too small."
         ),
-        remedy="Record it with less noise, or hold each setting for longer.",
+        remedy="Record the disturbance with less noise, or hold each setting for longer.",
     ),
     CatalogueRow(
         code="disturbance-constant",
@@ -53,7 +53,7 @@ ROWS: Final = (
         rule=Rule("is_constant", (Grade("limits", 0.0),), number="nothing", limit=Limit(1.0, "least_range")),
         said=(
             "{name} hardly changed (by less than {least_range:g}{range_unit}), so that its effect cannot be "
-            "determined: vary it over its whole range while turning the sensor"
+            "determined: vary {name} over its whole range while turning the sensor"
         ),
         plain=(
             "A recorded disturbance, such as a current, hardly changed during the recording, so that its effect is not "
@@ -101,7 +101,7 @@ ROWS: Final = (
         rule=Rule("remaining_deg", (Grade("limits", 1.0, "target_deg"),)),
         said=(
             "{at_end} the heading may be off by {left_at_most_deg}° (1 σ; the target is {target_deg:g}°) due to the "
-            "uncertainty of {name}'s effect: vary it while turning the sensor through all directions"
+            "uncertainty of {name}'s effect: vary {name} while turning the sensor through all directions"
         ),
         plain="At the far end of the range of a recorded disturbance, headings may be off by {angle}.",
         remedy="Record again, longer at that end of its range, while turning through all directions.",
@@ -189,8 +189,8 @@ ROWS: Final = (
         rule=Rule("is_out_of_range", (Grade("limits", 0.0),), number="range_number", limit=Limit(1.0, "range_end")),
         said="{out_of_range}",
         plain=(
-            "A recorded disturbance has impossible values, as far as {number:g}: it is in another unit, or has the "
-            "wrong sign."
+            "A recorded disturbance has impossible values, such as {number:g}: the column is in another unit, or has "
+            "the wrong sign."
         ),
         remedy="Convert that column, or change its sign, before anything is exported.",
     ),
@@ -215,8 +215,8 @@ ROWS: Final = (
             "of that range. Record with {reference_amount} as well, or use the calibration in that range alone"
         ),
         plain=(
-            "A recorded disturbance was never as low as the value at which the offset is stated. There the offset "
-            "is extrapolated along a straight line."
+            "A recorded disturbance was never as low as the value at which the offset is stated. At that value "
+            "the offset is extrapolated along a straight line."
         ),
         remedy="Record with the disturbance switched off as well, or use the calibration only in its recorded range.",
     ),

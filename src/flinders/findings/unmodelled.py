@@ -98,7 +98,7 @@ ROWS: Final = (
             "readings follow the {unmodelled} that was recorded with them, by up to {unmodelled_deg}° of heading, "
             "which is not in the heading error"
         ),
-        said="record without it, or let the calibration follow the {unmodelled}",
+        said="record without the {unmodelled}, or let the calibration correct for the {unmodelled}",
         hint={"disturbances": None},
         plain=(
             "A recorded disturbance, such as the current of a motor, moves the compass by up to {angle} of heading. "

@@ -76,7 +76,8 @@ def with_strength(asked: str, names: Sequence[str], columns: Columns, width: int
     own = column_of(STRENGTH, [place], names)
     if place in columns.field.cells:
         raise UsageError(
-            f"scalar {asked!r}: {own.names[0]} is read as the vector magnetometer: name its three columns",
+            f"scalar {asked!r}: {own.names[0]} is read as the vector magnetometer: name the three columns of the "
+            "vector magnetometer",
             hint={"columns": None},
         )
     others = tuple(column for column in columns.auxiliary if column.kind != STRENGTH and place not in column.cells)

@@ -3,7 +3,7 @@
 >>> refuse_one_value("log.csv", [f"mag_{axis},{value}" for axis in "xyz" for value in range(9)])
 Traceback (most recent call last):
 flinders.errors.NoMagnetometer: log.csv has one value in each row, and column 1 names the axis (mag_x, mag_y, mag_z):
-    pivot the table, so that x, y and z of a reading are in one row, or export a column for each
+    pivot the table, so that x, y and z of a reading are in one row, or export a column for each axis
 """
 
 from __future__ import annotations
@@ -191,7 +191,7 @@ def _refuse_thousands(name: str, rows: Sequence[Sequence[str]], columns: Columns
     if len(grouped) >= 3 and 100 <= max(whole, default=0) < 1000:
         raise UnreadableInput(
             f"numbers of {name} such as {grouped[0]!r} next to {max(whole):.0f} seem to have {decimal!r} as thousands "
-            f"separator: save them without it, or name the columns if {decimal!r} is the decimal sign",
+            f"separator: save the numbers without it, or name the columns if {decimal!r} is the decimal sign",
             hint={"columns": None},
         )
 

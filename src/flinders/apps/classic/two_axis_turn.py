@@ -218,7 +218,8 @@ def read_turn(
             require_same_frame(known.calibration, recording)
         if recording.unit.inside != known.calibration.unit:
             raise UnitError(
-                f"{recording.source} is in {recording.unit.inside}, {known.provenance.name} in {known.calibration.unit}"
+                f"{recording.source} is in {recording.unit.inside}, {known.provenance.name} in "
+                f"{known.calibration.unit}: record all planes in one unit"
             )
         if own_recordings(known, [recording]):
             raise UsageError(

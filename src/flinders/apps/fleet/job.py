@@ -169,7 +169,7 @@ def _prepare(outputs: Outputs, options: Options, scheduler: str | None, *, appen
     options.check()
     if append and force:
         raise UsageError(
-            "a table is either extended or begun again: leave one of them out", hint={"append": True, "force": True}
+            "a table is either extended or begun again: choose one of the two", hint={"append": True, "force": True}
         )
     outputs.check(append=append, force=force)
     if scheduler is not None:

@@ -112,8 +112,7 @@ def _refuse_column(name: str, schema: Any, column: str) -> None:  # noqa: ANN401
     kind = schema.field(column).type
     if not _is_text(kind):
         raise UnreadableInput(
-            f"{name}: column {column} holds {kind}, which cannot be a name: make it a column of texts or numbers, or "
-            "give it another name"
+            f"{name}: column {column} holds {kind}, and names need texts or numbers: convert the column, or rename it"
         )
 
 

@@ -302,7 +302,7 @@ class Hub:
             path = None if self.unrecorded else self.supply.path
             return FinishInputs(self.source.name, edits, self.log, path, self.supply.reading, self.renewed)
         if number not in self.logs:
-            raise UsageError("that log is no longer in memory: drop it again")
+            raise UsageError("that log is no longer in memory: drop the log on the page again")
         name, log = self.logs[number]
         return FinishInputs(name, edits, log, None, {}, self.renewed, is_of_sensor=False)
 

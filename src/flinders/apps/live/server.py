@@ -418,10 +418,12 @@ async def _send(request: Request) -> Response:
     hub: Hub = request.app.state.hub
     board = hub.supply.board
     if board is None:
-        raise LinkError("this source cannot receive a calibration: save it and use flinders send, or paste the export")
+        raise LinkError(
+            "this source cannot receive a calibration: save the calibration and use flinders send, or paste the export"
+        )
     finished = _made(request)
     if not finished.is_of_sensor:
-        raise NotSent(f"this calibration is that of {finished.name}, not of the board: go back to the sensor first")
+        raise NotSent(f"this calibration belongs to {finished.name}, not to the board: go back to the sensor first")
     packet = MotionCalPacket.of(finished.fit.calibration)
     confirmed = await hub.on_feed(lambda: motioncal.send(board, packet, boot=0.0))
     return JSONResponse({"words": f"{board.name}: {confirmed}"})

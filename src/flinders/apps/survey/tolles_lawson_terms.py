@@ -73,7 +73,7 @@ class Signal:
         Raises `InputError`, `UnitError` or `FitError` as `fitted`.
         """
         if samples.time is None:
-            raise InputError(f"{samples.source} has no times: eddy currents and the band of manoeuvres need them")
+            raise InputError(f"{samples.source} has no times: the terms of eddy currents need the time of each reading")
         if samples.unit.inside != "uT":
             raise UnitError(
                 f"{samples.source} is in counts: give the unit or the scale of the readings",

@@ -42,7 +42,7 @@ class TwoAxis(program.Group):
     )  # fmt: skip
     after: str | None = program.member(
         "--after", metavar="CALIBRATION",
-        help="Calibration that was loaded while RECORDING was made; the result is composed with it.",
+        help="Calibration that was loaded while RECORDING was made; the result is composed with that calibration.",
     )  # fmt: skip
     reading: option.ReadingOptions = program.group(option.ReadingOptions)
     output: str | None = option.output(

@@ -30,11 +30,11 @@ class Drift(program.Group):
         "--report",
         what="the report",
         metavar="FILE.html",
-        help="Also write a report of the fleet and how it changed.",
+        help="Also write a report of the changes in the fleet.",
     )
     against: Literal["first", "previous"] = program.member(
         "--against", type=click.Choice(["first", "previous"]), default="first", show_default=True,
-        help="Calibration of each unit that is compared with its newest one.",
+        help="Earlier calibration of a unit with which the newest is compared.",
     )  # fmt: skip
     batch: str | None = program.member(
         "--batch", metavar="COLUMN|PATTERN",

@@ -86,7 +86,7 @@ class Record(program.Group):
                 "--ros2 TOPIC"
             )
         if self.pattern is not None and self.topic.ros2 is not None:
-            raise UsageError("--pattern describes lines, and --ros2 sends none: leave it out")
+            raise UsageError("--pattern describes lines, and --ros2 sends none: leave --pattern out")
         if self.pattern is not None:
             from flinders.readers.dialects.pattern import Pattern
 

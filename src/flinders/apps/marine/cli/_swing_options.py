@@ -186,7 +186,9 @@ class SwingOptions(program.Group):
         if self.known.headings is not None:
             return
         if self.place.place is not None:
-            raise UsageError("--at converts known headings from true to magnetic: give --headings too, or leave it out")
+            raise UsageError(
+                "--at converts known headings from true to magnetic: give --headings too, or leave --at out"
+            )
         rule = self.standard
         if any((self.output, self.svg, self.sentences, rule.certificate, rule.limit, rule.before)):
             raise UsageError(

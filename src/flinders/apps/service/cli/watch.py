@@ -85,7 +85,7 @@ class WatchedSource(program.Group):
                 "--mavlink LINK, --ros2 TOPIC, --replay LOG, or - for standard input"
             )
         if self.compass != 1 and self.mavlink is None:
-            raise UsageError("--compass goes with --mavlink: leave it out")
+            raise UsageError("--compass goes with --mavlink: leave --compass out")
         self.lines.refuse_with(named)
         if self.lines.unit:
             from flinders.core.units import Unit
@@ -245,7 +245,7 @@ class Watch(program.Group):
         """Refuse --send for a source that cannot receive calibrations, or without a folder for previous values."""
         if self.send is None:
             if program.is_typed("send_interval_s"):
-                raise UsageError("--send-interval goes with --send: leave it out")
+                raise UsageError("--send-interval goes with --send: leave --send-interval out")
             return
         if self.source.mavlink is None:
             raise UsageError(
@@ -320,7 +320,7 @@ class Watch(program.Group):
         """Refuse options that contradict the state."""
         if program.is_typed("target_deg") and self.target_deg != target_deg:
             raise UsageError(
-                f"--target is {self.target_deg:g}°, but {self.state} has {target_deg:g}°: leave it out, or "
+                f"--target is {self.target_deg:g}°, but {self.state} has {target_deg:g}°: leave --target out, or "
                 "give another state file to begin again"
             )
 
