@@ -986,7 +986,7 @@ def test_a_calibration_of_another_sensor_is_not_sent_to_the_board(
             bench.hub.logs.clear()  # as other logs would do that were dropped since
             answer = bench.client.post(f"/send{number}", headers=OWN)
             assert answer.status_code == 409
-            assert f"is of {name}" in answer.json()["words"]
+            assert f"belongs to {name}" in answer.json()["words"]
         assert bench.client.post("/send", headers=OWN).status_code == 409
         assert sent == []
         assert bench.client.post(f"/send{bench.of_finished()}", headers=OWN).status_code == 200

@@ -131,7 +131,7 @@ class Estimation(program.Group, heading=program.METHOD):
     )
     alignment_sigma_deg: float | None = program.member(
         "--alignment-sigma", type=program.positive, metavar="DEG",
-        help="Uncertainty of the mounting, 1 σ about each axis; its heading error is stated separately.",
+        help="Uncertainty of the mounting, 1 σ about each axis; the heading error from it is stated separately.",
     )  # fmt: skip
 
     @property

@@ -118,8 +118,8 @@ ROWS: Final = (
         action="leave that aiding sensor out: an accelerometer leans in steady turns; it was not used",
         rule=Rule("scales_off", (Grade("limits", 0.0),), limit=Limit(0.1)),
         said=(
-            "with {aid!r} the fit finds the gyro's scales off by {amount}, without {aid!r} it finds them correct: "
-            "{why_disagree}. {aid!r} was not used; leave it out"
+            "with {aid!r} the fit finds the gyro's scales off by {amount}, without {aid!r} it finds the scales "
+            "correct: {why_disagree}. {aid!r} was not used; leave {aid!r} out"
         ),
         plain="The gyro and the recorded vertical contradict each other. The vertical was not used.",
         remedy="Leave the vertical out, as it leans in turns; or record while turning on the spot.",

@@ -33,7 +33,7 @@ ROWS: Final = (
         ),
         said=(
             "a field of {radius} µT is outside the earth's {weakest:g}–{strongest:g} µT: check the unit or scale;"
-            " headings do not depend on it"
+            " headings do not depend on the strength"
         ),
         plain="The field strength in the readings, {length}, occurs nowhere on earth. Headings do not depend on it.",
         remedy="Check the unit of the recording.",

@@ -182,8 +182,8 @@ def amount(scale_error: float) -> str:
 def why_disagree(aid: str) -> str:
     """Reason why an aid contradicts a gyro."""
     if aid == "dip":
-        return "it leans, as an accelerometer does in steady turns"
-    return "it lags, or is that of another body"
+        return "the vertical leans, as an accelerometer does in steady turns"
+    return "the attitude lags, or is that of another body"
 
 
 def why_astray(aid: str) -> str:

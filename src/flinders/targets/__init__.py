@@ -164,7 +164,7 @@ def read_back(
     else:
         name = find(target).name
         if name not in readable:
-            raise UsageError(f"files of {name} cannot be read back: only those of {', '.join(readable)} can")
+            raise UsageError(f"files of {name} cannot be read: use a file of {', '.join(readable)}")
     reader = readable[name]
     if compass is not None and reader.which is None:
         several = dict.fromkeys(row.family for row in registry().values() if row.compasses)

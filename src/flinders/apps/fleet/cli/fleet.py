@@ -73,7 +73,7 @@ class Fleet(program.Group):
     )  # fmt: skip
     workers: int | None = program.member(
         "--workers", heading=program.METHOD, type=click.IntRange(0, 4096), metavar="N",
-        help="Processes [default: one for each core].",
+        help="Number of processes [default: one for each core].",
     )  # fmt: skip
     scheduler: str | None = program.member(
         "--scheduler", heading=program.METHOD, metavar="tcp://…", help="Work on this Dask cluster instead."

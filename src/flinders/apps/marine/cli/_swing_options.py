@@ -30,7 +30,7 @@ class StandardOptions(program.Group):
     )  # fmt: skip
     limit_deg: float | None = program.member(
         "--limit", heading=STANDARD, type=program.angle, metavar="DEG",
-        help="Largest deviation allowed [default: that of the rule, if its text was available].",
+        help="Largest deviation allowed [default: the limit of the rule, if its text was available].",
     )  # fmt: skip
     base_error_deg: float = program.member(
         "--base-error", heading=STANDARD, type=program.number_within(0, 45, "degrees from 0 to 45", zero=True),
@@ -155,7 +155,7 @@ class SwingOptions(program.Group):
     )  # fmt: skip
     step_deg: float = program.member(
         "--step", heading=program.OUTPUT, type=program.number_within(0, 90, "degrees above 0, up to 90"),
-        default=15.0, show_default=True, metavar="DEG", help="Step of the card; by default that of --standard.",
+        default=15.0, show_default=True, metavar="DEG", help="Step of the card [default: the step of --standard].",
     )  # fmt: skip
     force: bool = option.force()
     standard: StandardOptions = program.group(StandardOptions)

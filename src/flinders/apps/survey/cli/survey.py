@@ -41,11 +41,11 @@ class Survey(program.Group):
     )  # fmt: skip
     axes: str = program.member(
         "--axes", default="x,y,z", show_default=True, metavar="AXES", heading=program.RECORDING,
-        help="Axes of the magnetometer that are x, y and z of the instrument.",
+        help="Axes of the magnetometer along x, y and z of the instrument.",
     )  # fmt: skip
     acceleration_axes: str | None = program.member(
         "--acceleration-axes", metavar="AXES", heading=program.RECORDING,
-        help="Axes of the accelerometer that are x, y and z of the instrument [default: as --axes].",
+        help="Axes of the accelerometer along x, y and z of the instrument [default: as --axes].",
     )  # fmt: skip
     calibration: str | None = program.member(
         "--previous", metavar="FILE",
