@@ -282,6 +282,7 @@ def write(calibration: Calibration, _asked: ExportOptions) -> Written:
 ADIS16480: Final = Target(
     name="adis16480",
     use="ADIS16480 registers",
+    group="chips and IMUs",
     suffix=".txt",
     title="ADIS16480",
     formula="M_C = (I + S) M + H",

@@ -43,9 +43,6 @@ def spell_for_restart(hint: Hint) -> str:
     """Spell a hint as options of the command that is started anew.
 
     >>> spell_for_restart({"unit": "counts", "scale": 0.15}), spell_for_restart({"chip": None})
-    ('--unit=counts --scale=0.15', 'flinders info --chip')
+    ('--unit=counts --scale=0.15', '--chip')
     """
-    return " ".join(
-        f"flinders info --{keyword}" if keyword == "chip" else f"--{keyword}{'' if value is None else f'={value}'}"
-        for keyword, value in hint.items()
-    )
+    return " ".join(f"--{keyword}{'' if value is None else f'={value}'}" for keyword, value in hint.items())

@@ -169,7 +169,7 @@ class Hub:
         return Welcome(
             version=version("flinders"),
             session=self.name,
-            targets=tuple(TargetInfo(row.name, row.use, row.suffix) for row in rows),
+            targets=tuple(TargetInfo(row.name, row.use, row.suffix, row.group) for row in rows),
             limits=Limits(UPLOAD_BYTES),
             source=self.source,
             axes=str(self.supply.axes),

@@ -120,6 +120,7 @@ class TargetInfo(Struct, frozen=True):
     name: str
     title: str
     suffix: str
+    group: str  # heading of the target in the list
 
 
 class Limits(Struct, frozen=True):

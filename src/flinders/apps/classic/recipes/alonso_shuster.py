@@ -214,7 +214,7 @@ def _improve(sums: ProductSums, theta: Floats, step: Floats, cost: float) -> tup
 
 METHOD: Final = Method(
     AlonsoShuster,
-    use="TWOSTEP, for a field strength that is known at each reading and varies",
+    use="TWOSTEP: the field strength is known at each reading, and varies",
     source="Alonso and Shuster (2002)",
     is_recipe=True,
 )

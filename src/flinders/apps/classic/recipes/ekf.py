@@ -244,7 +244,7 @@ def _distortion_jacobian(field: Floats) -> Floats:
 
 METHOD: Final = Method(
     Ekf,
-    use="an extended Kalman filter, as one on board would settle; depends on order and start",
+    use="an extended Kalman filter, as it would converge on board; depends on order and start",
     source="Crassidis, Lai and Harman (2005)",
     is_recipe=True,
 )

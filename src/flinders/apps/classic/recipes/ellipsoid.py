@@ -157,7 +157,7 @@ class Constrained:
 
 METHOD: Final = Method(
     Constrained,
-    use="radii, axes or centre are known to be constrained; parity with ellipsoid_fit and magcal",
+    use="constraints on radii, axes or centre are known; numbers of ellipsoid_fit and magcal",
     source="Petrov (2009, 2015); MathWorks, magcal",
     is_recipe=True,
 )

@@ -284,7 +284,7 @@ def rescale(state: SequentialState) -> tuple[Floats, Floats]:
 
 METHOD: Final = Method(
     Sequential,
-    use="centred, reading by reading: the offset; all parameters if the field's strength is known and varies",
+    use="centred, reading by reading: the offset, or all parameters if a varying field strength is known",
     source="Crassidis, Lai and Harman (2005)",
     is_recipe=True,
 )

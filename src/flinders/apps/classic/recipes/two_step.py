@@ -144,7 +144,7 @@ def triangular_model(ellipsoid: Ellipsoid, field_strength: float) -> Triangular:
 
 METHOD: Final = Method(
     TwoStep,
-    use="parity with Gebre-Egziabher and Elkaim, or Foster and Elkaim; relative to the x axis",
+    use="numbers of Gebre-Egziabher and Elkaim, or of Foster and Elkaim; relative to the x axis",
     source="Gebre-Egziabher and others (2001, 2006); Foster and Elkaim (2008)",
     is_recipe=True,
 )

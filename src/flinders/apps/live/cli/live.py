@@ -10,7 +10,7 @@ import threading
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Self
 
 import click
 
@@ -43,6 +43,12 @@ SWITCH_S: Final = 0.0005
 
 class LineOptions(option.UnitsOptions, option.LinesOptions):
     """Options to read lines and recordings."""
+
+    chip: str | None = option.chip()
+
+    def of_reading(self) -> dict[str, Any]:
+        """The given arguments of `flinders.open_recording`."""
+        return {name: value for name, value in self.as_dict().items() if value is not None and name != "chip"}
 
 
 class LiveSource(program.Group):
@@ -111,7 +117,7 @@ class LiveSource(program.Group):
         from flinders.links.transports import open_lines, open_link
         from flinders.readers import open_recording
 
-        reading = {name: value for name, value in self.lines.as_dict().items() if value is not None}
+        reading = self.lines.of_reading()
         if self.replay is not None:
             recording = open_recording(self.replay, **reading)
             say(str(recording))
@@ -222,6 +228,11 @@ class Live(program.Group):
     )
     page: ServedPage = program.group(ServedPage)
     as_json: bool = option.as_json()
+
+    @classmethod
+    def from_values(cls, values: dict[str, Any]) -> Self:
+        """Take the values of the command, with those of the chip."""
+        return super().from_values(option.with_chip(values))
 
     def check(self) -> None:
         """Refuse several sources, and an unusable place for the recording.

@@ -46,7 +46,7 @@ NAMES: Final = (
 )  # fmt: skip
 """Targets whose numbers are those of the calibration in some unit; others select or round numbers.
 
-In the order of the page's list, which is for boards first.
+In the order of the page's list, whose groups follow their first targets: it is for boards first.
 """
 OWN_FORMATS: Final = {"ardupilot": "general", "px4": "general", "matlab": "seventeen"}
 """Format of targets whose numbers another format may write identically."""
@@ -130,6 +130,7 @@ def _row(target: Target, slots: _Slots) -> dict[str, Any]:
         "use": target.use,
         "title": target.title,
         "suffix": target.suffix,
+        "group": target.group,
         "comment": target.comment and asdict(target.comment),
         "relative": bool(target.lengths),
         "limits": [_limit(limit, slots) for limit in target.limits],

@@ -141,11 +141,13 @@ export class Finish {
     setTargets(targets) {
         const known = (/** @type {string | null} */ chosen) => targets.some(({ name }) => name === chosen);
         const chosen = [this.targets.value, recall(LAST_TARGET), targets[0]?.name ?? ""].find(known);
+        const groups = new Set(targets.map(({ group }) => group));
         this.targets.replaceChildren(
-            ...targets.map(({ name, title, suffix }) => {
-                const option = element("option", `${title} (${suffix})`);
-                option.setAttribute("value", name);
-                return option;
+            ...Array.from(groups, (group) => {
+                const options = targets.filter((target) => target.group === group).map(optionOf);
+                const listed = element("optgroup", options);
+                listed.setAttribute("label", group);
+                return listed;
             }),
         );
         if (chosen) this.targets.value = chosen;
@@ -450,4 +452,11 @@ export function tiltText(deg) {
  */
 function withUnit(number, unit) {
     return number === "–" ? number : `${number} ${unit}`;
+}
+
+/** @param {TargetInfo} target */
+function optionOf({ name, title, suffix }) {
+    const option = element("option", `${title} (${suffix})`);
+    option.setAttribute("value", name);
+    return option;
 }

@@ -5,6 +5,7 @@ export interface TargetInfo {
   name: string;
   title: string;
   suffix: string;
+  group: string;
 }
 
 /** Limits on messages from a page. */

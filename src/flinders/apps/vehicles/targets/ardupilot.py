@@ -497,6 +497,7 @@ TARGETS: Final = (
     Target(
         name="ardupilot",
         use="ArduPilot parameters",
+        group="autopilots",
         suffix=".param",
         title="ArduPilot",
         formula="m = I ((r + OFS) SCALE), I of DIA and ODI, OFS added",

@@ -107,6 +107,7 @@ TARGETS: Final = (
     Target(
         name="betaflight",
         use="Betaflight CLI",
+        group="autopilots",
         suffix=".txt",
         title="Betaflight",
         formula="m = align(raw) - magZero",

@@ -393,6 +393,7 @@ TARGETS: Final = (
     Target(
         name="betaflight-model",
         use="Betaflight model file, JSON",
+        group="autopilots",
         suffix=".json",
         title=WHO,
         formula="m = soft_iron (raw - center)",

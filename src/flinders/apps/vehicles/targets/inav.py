@@ -109,6 +109,7 @@ TARGETS: Final = (
     Target(
         name="inav",
         use="INAV CLI",
+        group="autopilots",
         suffix=".txt",
         title="INAV",
         formula="m = align((raw - magzero) 1024 / maggain)",

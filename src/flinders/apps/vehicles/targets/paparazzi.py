@@ -119,6 +119,7 @@ TARGETS: Final = (
     Target(
         name="paparazzi",
         use="Paparazzi airframe XML",
+        group="autopilots",
         suffix=".xml",
         title="Paparazzi",
         formula="m = (raw - NEUTRAL) SENS",

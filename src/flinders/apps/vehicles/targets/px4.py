@@ -414,6 +414,7 @@ FILE: Final = ParameterFile(Px4Parameters, _compasses_with_offsets, "CAL_MAG0_XO
 PX4: Final = Target(
     name="px4",
     use="PX4, file of QGroundControl",
+    group="autopilots",
     suffix=".params",
     title="PX4",
     formula="m = R S (r - OFF), S of SCALE and ODIAG, OFF subtracted, R the mounting",

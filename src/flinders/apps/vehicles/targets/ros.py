@@ -167,6 +167,7 @@ TARGETS: Final = (
     Target(
         name="ros-madgwick",
         use="ROS 2 imu_filter_madgwick",
+        group="ROS",
         suffix=".yaml",
         title="imu_filter_madgwick",
         formula="m - mag_bias",
@@ -181,6 +182,7 @@ TARGETS: Final = (
     Target(
         name="ros-pipeline",
         use="ROS magnetometer_pipeline",
+        group="ROS",
         suffix=".yaml",
         title="magnetometer_pipeline",
         formula="S (m - b)",
@@ -195,6 +197,7 @@ TARGETS: Final = (
     Target(
         name="fusioncore",
         use="ROS 2 FusionCore",
+        group="ROS",
         suffix=".yaml",
         title="FusionCore",
         formula="soft_iron (m - hard_iron)",
