@@ -351,9 +351,10 @@ class NotTurned(FitError):
     def __init__(self, left: float, disturbances: str) -> None:
         self.left, self.disturbances = left, disturbances
         super().__init__(
-            f"the sensor was not turned: its readings follow {disturbances} and hardly anything else (the residuals "
-            f"are {figures(left)} of their unit, 1 σ). Such a recording determines the effect of the disturbance, but "
-            "no offset or matrix: turn the sensor while recording, or give the calibration of this sensor",
+            f"the sensor was not turned: its readings follow {disturbances} and hardly anything else (residuals of "
+            f"{figures(left)} in the unit of the readings, 1 σ). Such a recording determines the effect of the "
+            "disturbance, but no offset or matrix: turn the sensor while recording, or give the calibration of this "
+            "sensor",
             hint={"previous": None},
             left=left,
             disturbances=disturbances,
@@ -369,7 +370,7 @@ class FollowsAttitude(FitError):
         self.column, self.share = column, share
         super().__init__(
             f"column {column} follows the attitude ({share:.0%} of it is a function of the direction of the field): "
-            "its effect cannot be distinguished from soft iron. Record again and change it in each attitude, "
+            f"its effect cannot be distinguished from soft iron. Record again and change {column} in each attitude, "
             "independently of the turning; or leave the column out",
             column=column,
             share=share,

@@ -312,7 +312,7 @@ def test_a_sweep_is_judged_about_the_axis_it_turns_about(plane: Plane, method: s
     recording = simulate.tumble(seed=6, motion=f"sweep-{plane}", noise=0.3)
     fit = flinders.fit(recording.samples, method=method_with(method, plane=plane))
     assert fit.verdict == "limited"
-    assert f"corrected in {plane[0]} and {plane[1]} only" in fit.findings[0].advice
+    assert f"corrects {plane[0]} and {plane[1]} only" in fit.findings[0].advice
     assert fit.heading_error_deg.worst < 0.2
     others: list[Plane] = [other for other in PLANES if other != plane]
     for other in others:

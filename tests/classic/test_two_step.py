@@ -121,4 +121,4 @@ def test_options_that_mean_nothing_are_refused(tmp_path: object) -> None:
         TwoStep("skew")  # type: ignore[arg-type]
     ended = CliRunner().invoke(main, ["calibrate", "none.csv", "--method", "two-step", "--option", "model=skew"])
     assert ended.exit_code == 2
-    assert "need orthogonal, non-orthogonal" in ended.output
+    assert "orthogonal, non-orthogonal" in ended.output

@@ -457,7 +457,7 @@ def test_a_refusal_without_a_fit_has_the_same_keys(home: Path) -> None:
 def test_too_few_readings_are_told_with_what_was_skipped(home: Path) -> None:
     words = ("calibrate", "-", "--method", "likelihood")
     ended = flinders_(*words, "--json", stdin="1,2,3\n2,3,4\nwhat?\nnan,1,2\n")
-    skipped = ["1 not finite row (line 4: 'nan,1,2')", "1 unreadable row (line 3: 'what?')"]
+    skipped = ["1 row without finite readings (line 4: 'nan,1,2')", "1 unreadable row (line 3: 'what?')"]
     assert_sentences(ended.err)
     assert ended.json["error"]["evidence"]["skipped"] == skipped
     assert_sentences(flinders_(*words, stdin="1,2,3\n").err)

@@ -218,7 +218,7 @@ def test_two_files_that_contradict_each_other_end_with_4_and_say_so(
     assert found["verdict"] == "refused"
     assert "recordings-differ" in [each["code"] for each in found["findings"] if each["severity"] == "refuses"]
     plain = CliRunner().invoke(main, [*words, "--report-text", "-"])
-    assert "One recording is " in " ".join(plain.output.split())
+    assert "One recording differs " in " ".join(plain.output.split())
 
 
 def test_two_files_that_agree_are_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 FIELD: Final = 50.0
-FALSEHOODS: Final = ("sphere", "columns", "axis", "heading may be off", "off the ellipsoid", "limit", "repeat")
+FALSEHOODS: Final = ("sphere", "columns", "axis", "heading may be off", "about the ellipsoid", "limit", "repeat")
 """Words of findings that follow from a fit to noise."""
 
 

@@ -187,5 +187,5 @@ def test_a_gyro_as_seldom_as_the_compass_is_left_as_it_is() -> None:
 def test_scales_of_a_fit_that_went_astray_are_no_absurd_number(off: float, words: str) -> None:
     for code, mistake in (("gyro-scales", gyro_scale_mistake(off)), ("aids-disagree", gyro_contradiction("dip", off))):
         assert mistake.code == code
-        assert f"off by {words}," in mistake.words
+        assert f"off by {words}" in mistake.words
         assert_sentences(mistake.words)

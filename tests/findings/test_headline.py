@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from tests.trials import examples
 
 import flinders
-from flinders import simulate
+from flinders import errors, simulate
 from flinders.cli._program import EXIT_CODES
-from flinders.errors import UsageError
+from flinders.errors import FlindersError, UsageError
 from flinders.findings import CATALOGUE, REFUSALS
 from flinders.findings.finding import Finding
 from flinders.findings.headline import LEADS, UNSTATED_REASON, Claimed, headline, reach_words
@@ -104,10 +104,16 @@ def test_each_code_is_explained_and_another_one_is_guessed() -> None:
     for code in (*CATALOGUE, *REFUSALS):
         told = flinders.explain(code)
         assert told.action
+        assert told.meaning
         assert told.code == code
     with pytest.raises(UsageError) as unknown:
         flinders.explain("covrage")
     assert "coverage" in unknown.value.message
+
+
+def test_each_error_is_explained() -> None:
+    kinds = [kind for kind in vars(errors).values() if isinstance(kind, type) and issubclass(kind, FlindersError)]
+    assert {kind.code for kind in kinds} - {FlindersError.code} <= REFUSALS.keys()
 
 
 def test_verdicts_have_one_table_of_exit_codes() -> None:

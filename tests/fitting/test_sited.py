@@ -190,7 +190,7 @@ def test_what_is_taken_for_granted_of_z_is_said() -> None:
     assert truth.samples.acceleration is not None
     turned = replace(truth.samples, field=truth.samples.field * over, acceleration=truth.samples.acceleration * over)
     unseen = replace(turned, acceleration=None)
-    taken, left_out, neither = "with z down, and", "site was left out", "nothing shows whether"
+    taken, left_out, neither = "with z down, and", "site was not used", "nothing shows whether"
     for samples, at, words, z_down in (
         (unseen, site, {neither}, None),
         (unseen, replace(site, z_down=True), {taken}, True),

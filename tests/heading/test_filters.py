@@ -427,4 +427,4 @@ def test_names_of_filters_may_be_written_in_capitals() -> None:
 def test_typed_extremes_have_no_readings_to_filter() -> None:
     ended = run("calibrate", "--minmax", "-1,1,-1,1,-1,1", "--filter", "median")
     assert ended.exit_code == 2
-    assert "--filter needs readings" in ended.output
+    assert "leave --filter out" in ended.output

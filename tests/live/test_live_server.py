@@ -772,7 +772,7 @@ def test_logs_that_are_no_longer_in_memory_are_refused_in_words(bench: Bench) ->
     for number in (numbers[0], "0000", "../session.csv"):
         answer = bench.finish(log=number)
         assert answer.status_code == 400
-        assert "drop it again" in answer.json()["words"]
+        assert "drop the log" in answer.json()["words"]
 
 
 @pytest.mark.parametrize("content", [b"", b"\x00" * 5000, b"hello, world\n" * 50, b"1,2\n3,4\n"])
@@ -986,7 +986,7 @@ def test_a_calibration_of_another_sensor_is_not_sent_to_the_board(
             bench.hub.logs.clear()  # as other logs would do that were dropped since
             answer = bench.client.post(f"/send{number}", headers=OWN)
             assert answer.status_code == 409
-            assert f"is of {name}" in answer.json()["words"]
+            assert f"belongs to {name}" in answer.json()["words"]
         assert bench.client.post("/send", headers=OWN).status_code == 409
         assert sent == []
         assert bench.client.post(f"/send{bench.of_finished()}", headers=OWN).status_code == 200

@@ -87,7 +87,7 @@ REFUSED = {
             for both in zip(GRAVITY.tolist(), FIELD.tolist(), strict=True)
             for sensor, row in zip(("accelerometer", "gyroscope"), both, strict=True)
         ],
-        "says which sensor each line is of, such as 'accelerometer': keep the lines of the magnetometer",
+        "names the sensor of each line, such as 'accelerometer': keep the lines of the magnetometer",
     ),
     "decimal commas": ([axes(row).replace(".", ",") for row in FIELD], "say which are the magnetometer"),
 }

@@ -151,7 +151,7 @@ def test_rows_that_are_not_finite_are_left_out_and_counted(tmp_path: Path) -> No
     np.save(tmp_path / "gaps.npy", array)
     samples = flinders.read(tmp_path / "gaps.npy")
     assert len(samples) == 19_998
-    assert [str(skipped) for skipped in samples.skipped] == ["2 not finite rows (line 4, 15001)"]
+    assert [(each.reason, each.rows, each.lines) for each in samples.skipped] == [("not finite", 2, (4, 15001))]
 
 
 def test_an_array_that_python_2_wrote_is_read_without_a_warning(tmp_path: Path) -> None:

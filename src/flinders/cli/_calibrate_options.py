@@ -50,8 +50,10 @@ class OutputOptions(program.Group, heading=program.OUTPUT):
     )  # fmt: skip
     exported: tuple[str, ...] = program.member(
         "--export", multiple=True, metavar="TARGET[:FILE]",
-        help="Also write the calibration for one of `flinders targets` [FILE: the target's name with its suffix]; may "
-        "be given several times.",
+        help=(
+            "Also write the calibration for a target of `flinders targets` [FILE: the target's name with its "
+            "suffix]; may be given several times."
+        ),
     )  # fmt: skip
     convergence: str | None = program.member(
         "--convergence", what="the convergence", metavar="FILE",
@@ -129,7 +131,7 @@ class Estimation(program.Group, heading=program.METHOD):
     )
     alignment_sigma_deg: float | None = program.member(
         "--alignment-sigma", type=program.positive, metavar="DEG",
-        help="Uncertainty of the mounting, 1 σ about each axis; its heading error is stated separately.",
+        help="Uncertainty of the mounting, 1 σ about each axis; the heading error from it is stated separately.",
     )  # fmt: skip
 
     @property
@@ -159,7 +161,7 @@ class Estimation(program.Group, heading=program.METHOD):
             self._refuse_but_recipes()
         if self.robust and self.method != "auto":
             raise UsageError(
-                "--robust goes with --method auto: leave it out"
+                "--robust goes with --method auto: leave --robust out"
                 + ("" if self.method == "robust" else f", or use --method robust instead of {self.method}")
             )
         if self.prior is None:
@@ -200,7 +202,9 @@ class Sensors(program.Group):
         """Whether every magnetometer is calibrated, each with its own result."""
         is_all = self.sensor is not None and self.sensor.strip().casefold() == "all"
         if is_all and len(recordings) > 1:
-            raise UsageError("--sensor all goes with one file of several magnetometers: give one, or leave it out")
+            raise UsageError(
+                "--sensor all goes with one file of several magnetometers: give one file, or leave --sensor out"
+            )
         if self.joint and not is_all:
             raise UsageError("--joint goes with --sensor all: it takes all magnetometers of a log or table")
         if self.reference is not None and not self.joint:
@@ -213,8 +217,10 @@ class SiteOptions(program.Group, heading=program.SITE):
 
     place: str | None = program.member(
         "--at", metavar="LAT,LON[,ALT]|none",
-        help="Site of the recording, whose dip and strength are then used (from a field model; with --date) [default: "
-        "the position in a log; none ignores it].",
+        help=(
+            "Site of the recording: the fit uses the dip and the strength of a field model there; needs --date "
+            "[default: the position in a log; none ignores that position]."
+        ),
     )  # fmt: skip
     date: str | None = program.member("--date", metavar="DAY", help="Day of the recording, such as 2026-11-21.")
     model: FieldModel | None = option.field_model()
@@ -263,9 +269,11 @@ class AidingOptions(program.Group, heading=program.AIDING):
 
     names: tuple[str, ...] = program.member(
         "--with", multiple=True, metavar="NAME,…", keywords=("aiding", "disturbances"),
-        help="Other recorded quantities to use: current, throttle, temperature, whose effect on the offset is modelled "
-        "(currents, throttles: of each motor; current2: of one), or any other column by its name in the log, such as "
-        "wheel_speed_rpm or BAT.Curr; rate, dip, tilt, attitude, or auto.",
+        help=(
+            "Other recorded quantities to use. Disturbances of the offset: current, throttle, temperature, currents "
+            "or throttles of each motor, current2 of one motor, or any column by its name, such as wheel_speed_rpm "
+            "or BAT.Curr. Aiding sensors: rate, dip, tilt, attitude, or auto."
+        ),
     )  # fmt: skip
     gyro_scale_sigma: float | None = program.member(
         "--gyro-scale", metavar="SHARE",
@@ -279,14 +287,17 @@ class AidingOptions(program.Group, heading=program.AIDING):
         type=program.number_within(
             0, 2, "m/s² from 0 to 2, such as 0.05; 0 if the accelerometer is calibrated", zero=True
         ),
-        help="With --with dip: uncertainty of the accelerometer's bias, 1 σ; 0 if it is calibrated [default: 0.3].",
+        help="With --with dip: uncertainty of the accelerometer's bias, 1 σ; 0 for a calibrated one [default: 0.3].",
     )  # fmt: skip
     acceleration_gain_sigma: float | None = program.member(
         "--accelerometer-gain", metavar="SHARE",
         type=program.number_within(
             0, 0.5, "a share from 0 to 0.5, such as 0.02; 0 if the accelerometer is calibrated", zero=True
         ),
-        help="With --with dip: uncertainty of its gains, and of the angles of its axes (rad), 1 σ [default: 0.02].",
+        help=(
+            "With --with dip: uncertainty of the accelerometer's gains, and of the angles of its axes (rad), 1 σ "
+            "[default: 0.02]."
+        ),
     )  # fmt: skip
     previous: str | None = program.member(
         "--previous", metavar="CALIBRATION",
@@ -297,16 +308,18 @@ class AidingOptions(program.Group, heading=program.AIDING):
         """Arguments `aiding` and `disturbances` of `flinders.fit`."""
         aiding, disturbances = split_recorded_names(self.names)
         if self.gyro_scale_sigma is not None and not {"rate", "auto"} & set(aiding):
-            raise UsageError("--gyro-scale goes with --with rate or auto: leave it out, or name the gyro")
+            raise UsageError(
+                "--gyro-scale goes with --with rate or auto: leave --gyro-scale out, or add rate to --with"
+            )
         for name, value in (("bias", self.acceleration_bias_sigma), ("gain", self.acceleration_gain_sigma)):
             if value is not None and not {"dip", "auto"} & set(aiding):
                 raise UsageError(
-                    f"--accelerometer-{name} goes with --with dip or auto: leave it out, or name the accelerometer"
+                    f"--accelerometer-{name} goes with --with dip or auto: leave it out, or add dip to --with"
                 )
         if self.previous is not None and not disturbances:
             raise UsageError(
-                "--previous goes with --with current, currents, throttle, throttles, temperature or another column: "
-                "name them"
+                "--previous goes with the disturbances of --with: name current, currents, throttle, throttles, "
+                "temperature or another column, or leave --previous out"
             )
         instruments = self._instruments(aiding) if aiding else ()
         options = {"aiding": instruments, "disturbances": disturbances}
@@ -341,7 +354,7 @@ def split_recorded_names(words: Iterable[str]) -> tuple[tuple[str, ...], tuple[s
         raise UsageError("--with has no names: give some, such as --with rate,dip, or --with auto")
     sensors = tuple(name for name in names if name in (AUTO, *AIDING_TERMS))
     if AUTO in sensors and len(sensors) > 1:
-        raise UsageError(f"--with {','.join(sensors)}: auto uses everything in the recording, give it alone")
+        raise UsageError(f"--with {','.join(sensors)}: auto uses everything in the recording: give auto alone")
     disturbances = tuple(name for name in names if name not in sensors)
     for name in disturbances:
         if name not in MOTORS.values():

@@ -55,7 +55,7 @@ def read_and_left_out(rows: int, skipped: Iterable[Skipped]) -> str:
 
     >>> from flinders.core.samples import Skipped
     >>> read_and_left_out(600, [Skipped("other", 3, (1, 2, 3), "LIS3MDL found"), Skipped("not finite", 1, (9,))])
-    "600 readings, 3 other lines (line 1: 'LIS3MDL found'), 1 not finite line (line 9)"
+    "600 readings, 3 other lines (line 1: 'LIS3MDL found'), 1 line without finite readings (line 9)"
     """
     words = [count_text(rows, "reading")]
     for entry in skipped:
@@ -64,7 +64,7 @@ def read_and_left_out(rows: int, skipped: Iterable[Skipped]) -> str:
             continue
         example = f": {entry.example!r}" if entry.example else ""
         where = f" (line {entry.lines[0]}{example})" if entry.lines else ""
-        words.append(f"{count_text(entry.rows, f'{entry.reason} line')}{where}")
+        words.append(f"{entry.amount_text('line')}{where}")
     return ", ".join(words)
 
 
@@ -141,7 +141,7 @@ def open_recordings(recordings: Sequence[str], sensor: str | None, **reading: An
     if sensor is not None and columns is None and any(names) and not all(names):
         alone = parts[names.index("")].source
         raise UsageError(
-            f"--sensor chooses one of several magnetometers, and {alone} has only one: calibrate them one by one"
+            f"--sensor chooses one of several magnetometers, and {alone} has only one: calibrate the files one by one"
         )
     return recording, next(filter(None, names), sensor)
 
@@ -233,7 +233,7 @@ def load(command: str, path: str, recordings: Sequence[str] = ()) -> Fit:
         for other in recordings:
             if is_calibration(other):
                 raise UsageError(
-                    f"{other} is the calibration, it comes first: flinders {command} {other} {path}"
+                    f"{other} is the calibration, which comes first: flinders {command} {other} {path}"
                 ) from None
         refuse_recording(path)
         raise
@@ -375,8 +375,8 @@ def walk_in(path: str | None, fit: Fit) -> Walk | None:
         )
     if history.walk is None:
         raise UsageError(
-            f"{path} has fewer than {MIN_STEPS + 1} differing estimates of the offset, too few to know how fast it "
-            "drifts: leave --history out"
+            f"{path} has fewer than {MIN_STEPS + 1} differing estimates of the offset, too few to know how fast "
+            "the offset drifts: leave --history out"
         )
     return history.walk
 

@@ -92,7 +92,7 @@ def mounting() -> Field:
     return member(
         "--mounting", metavar="MOUNTING",
         help="Mounting of the compass during the recording, as set in the autopilot: a number or name, or "
-        "ROLL,PITCH,YAW in degrees; none if its axes are the vehicle's [default: as in the log].",
+        "ROLL,PITCH,YAW in degrees; none if the axes of the compass are those of the vehicle [default: as in the log].",
     )  # fmt: skip
 
 
@@ -310,7 +310,10 @@ class Place(Group, heading=SITE):
     )  # fmt: skip
     date: str | None = member(
         "--date", metavar="DAY",
-        help="Day of the recording, such as 2026-11-21, or today [default: from its clock, if that counts from 1970].",
+        help=(
+            "Day of the recording, such as 2026-11-21, or today [default: from the clock of the recording, if that "
+            "counts from 1970]."
+        ),
     )  # fmt: skip
     model: FieldModel | None = field_model()
 

@@ -79,9 +79,9 @@ def _refuse_contradictions(
 ) -> None:
     """Refuse options that contradict each other."""
     if accelerometer.is_level and formula != "exact":
-        raise UsageError(f"--level removes no tilt, --formula {formula} does: leave one of them out")
+        raise UsageError(f"--level ignores tilt, --formula {formula} corrects tilt: leave one of them out")
     if accelerometer.is_level and accelerometer.acceleration is not None:
-        raise UsageError("--level uses no accelerometer, --acceleration names one: leave one of them out")
+        raise UsageError("--level uses no accelerometer, --acceleration names its columns: leave one of them out")
     if place.place is not None and declination_deg is not None:
         raise UsageError("--at and --declination both give the declination: leave one of them out")
     place.check()

@@ -33,7 +33,7 @@ def calibrate_typed(
 
     own = parse_options(method_options, MinMax)
     if own.pop("trim", False):
-        raise UsageError("--option trim=yes needs readings, and --minmax has none: leave it out")
+        raise UsageError("--option trim=yes needs readings, and --minmax gives none: leave that option out")
     outputs.check()
     values = numbers_of(numbers)
     if not values:
@@ -78,7 +78,7 @@ def _refuse_other_axes(calibration: Calibration, parts: Sequence[Recording], pat
         if (part.unit.inside, part.axes) != (calibration.unit, calibration.axes):
             raise UsageError(
                 f"{path} is for readings in {calibration.unit}, axes {calibration.axes}; {part.source} is in "
-                f"{part.unit.inside}, axes {part.axes}: read it with the same --unit, --scale and --axes"
+                f"{part.unit.inside}, axes {part.axes}: read the recording with the same --unit, --scale and --axes"
             )
 
 

@@ -19,7 +19,10 @@ class Accelerometer(program.Group):
     )
     gravity: float | None = program.member(
         "--gravity", metavar="MPS2", type=float,
-        help="Gravity at the place, in m/s² [default: 9.80665]. Its error affects all gains equally, and no tilt.",
+        help=(
+            "Gravity at the place, in m/s² [default: 9.80665]. An error of this value changes all gains equally, "
+            "and no tilt."
+        ),
     )  # fmt: skip
     output: str | None = option.output("the calibration", "File to write.")
     force: bool = option.force()

@@ -124,7 +124,7 @@ def _calibrate_typed(options: Calibrate) -> int:
     }
     useless = [name for name, value in of_readings.items() if value is not None]
     if useless:
-        raise UsageError(f"{', '.join(useless)} needs readings, and --minmax has none: leave it out")
+        raise UsageError(f"--minmax gives no readings: leave {', '.join(useless)} out")
     return calibrate_typed(
         str(estimation.minmax), estimation.method_options, reading, files.outputs, options.of_extremes
     )

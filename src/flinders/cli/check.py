@@ -101,7 +101,7 @@ def command(options: Check) -> int:
     if options.is_aged:
         return _age(options)
     if options.date is not None or options.history is not None:
-        raise UsageError("--date and --history need a calibration only: leave them out, or the recording")
+        raise UsageError("--date and --history go with a calibration alone: leave out these options or the recording")
     try:
         checked = _run_check(options)
     except NeedsSamples:  # no times for --drift

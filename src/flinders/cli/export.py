@@ -31,12 +31,15 @@ class ExportCommand(program.Group):
     target: str | None = program.member("--for", metavar="TARGET", help="The target: one of `flinders targets`.")
     compass: int | None = program.member(
         "--compass", type=click.IntRange(0, 3), metavar="N",
-        help="Number of the compass: {compasses} [default: that of the log, else the first].",
+        help="Number of the compass: {compasses} [default: the number in the log, else the first].",
     )  # fmt: skip
     mounting: str | None = option.mounting()
     sensors: tuple[str, ...] = program.member(
         "--with", metavar="SENSOR", multiple=True, type=click.Choice(["accelerometer", "gyro"]),
-        help="accelerometer or gyro: also write its calibration from a fit with aiding sensors; may be given twice.",
+        help=(
+            "accelerometer or gyro: also write the calibration of this sensor, from a fit with aiding sensors; may "
+            "be given twice."
+        ),
     )  # fmt: skip
     imu: int | None = program.member(
         "--imu", type=click.IntRange(0, 3), metavar="N",
@@ -70,7 +73,7 @@ Example:
 
 \b
 Exit codes:
-  4  refused: the target cannot store it; names the value and the loss
+  4  refused: the target cannot store the calibration; the message names the value and the loss
 """,
 )
 def command(options: ExportCommand) -> None:

@@ -77,7 +77,9 @@ def command(options: Import) -> None:
         _import_log(options)
         return
     if options.sensor is not None:
-        raise UsageError(f"--sensor goes with a log, and {file} is not one: choose one of several with --compass")
+        raise UsageError(
+            f"--sensor goes with a log, and {file} is not a log: choose one of several compasses with --compass"
+        )
     outputs = options.checked_outputs()
     content = read_bytes(file, largest=MAX_FILE_BYTES, what="file of parameters", refused=DocumentError)
     _refuse_own(content, file)
@@ -130,7 +132,7 @@ def _provenance(content: bytes, file: str, name: str, compass: int | None) -> Pr
 def _refuse_own(content: bytes, file: str) -> None:
     """Refuse a calibration file of our own, which needs no import."""
     if content.lstrip()[:1] == b"{" and b'"field_strength_known"' in content and b'"calibration"' in content:
-        raise UsageError(f"{file} is a calibration file already: give it to the command that needs it")
+        raise UsageError(f"{file} is a calibration file already: no import is needed")
 
 
 def _words(file: str, name: str, calibration: Calibration) -> list[str]:

@@ -48,11 +48,11 @@ class PlanOptions(program.Group):
     )  # fmt: skip
     aiding: tuple[str, ...] = program.member(
         "--with", multiple=True, metavar="NAME,…", keywords=("aiding",), heading=program.AIDING,
-        help="Aiding sensors that will count in the fit: dip (an accelerometer), rate (a gyro).",
+        help="Aiding sensors that the fit will use: dip (an accelerometer), rate (a gyro).",
     )  # fmt: skip
     place: str | None = program.member(
         "--at", heading=program.SITE, metavar="LAT,LON[,ALT]", keywords=("site",),
-        help="Place of the recording: degrees, north and east positive, and metres; dip and strength count.",
+        help="Place of the recording, for dip and strength: degrees, north and east positive, and metres.",
     )  # fmt: skip
     date: str | None = program.member(
         "--date", heading=program.SITE, metavar="DAY", help="Day of the recording, with --at [default: today]."

@@ -170,7 +170,9 @@ def _run_refresh(opened: list[CountedRecording], previous: Fit, options: Refresh
         raise UsageError("--min-speed and --crab go with --course or --course-log: leave them out")
     if options.headings is None and options.magnetic_headings is None:
         if len(opened) > 1:
-            raise UsageError("several recordings go with --heading, one for each: give one recording, or the headings")
+            raise UsageError(
+                "several recordings need --heading with one heading for each: give one recording, or the headings"
+            )
         aiding = _aiding(options.names)
         softness = options.soft_iron_sigma
         return refresh(opened[0], previous, aiding=aiding, site=site, soft_iron_sigma=softness, target_deg=target_deg)

@@ -42,7 +42,7 @@ class Report(program.Group):
         metavar="[FILE]",
         is_flag=False,
         flag_value="report.pdf",
-        help="Also print it to PDF, with an installed browser [FILE: report.pdf].",
+        help="Also print the report to PDF, with an installed browser [FILE: report.pdf].",
     )
     force: bool = option.force()
     as_json: bool = option.as_json()
@@ -55,7 +55,7 @@ class Report(program.Group):
     def check(self) -> None:
         """Refuse outputs that cannot be written, before anything is read."""
         if self.pdf == "-":
-            raise UsageError("--pdf goes into a file: name one, such as report.pdf")
+            raise UsageError("--pdf needs a file: name it, such as report.pdf")
         if self.path == "-" and sys.stdout.isatty():
             raise UsageError("a report is a megabyte of HTML, too long for a terminal: name a file with -o")
         if self.path != "-":

@@ -63,14 +63,14 @@ class ThreeAxis(Simulation):
     )
     tilt_deg: float | None = program.member(
         "--tilt", type=program.number_within(0, 90, "degrees from 0 to 90", zero=True), metavar="DEG",
-        help="Greatest tilt of tilted, drive and flight.",
+        help="Largest tilt, for the motions tilted, drive and flight.",
     )  # fmt: skip
     sensor: str | None = program.member(
         "--sensor", metavar="TRUTH", help="Use the sensor of another simulated recording, from its truth."
     )
     soft_iron: float | None = program.member(
         "--soft-iron", type=program.number_within(0, 0.45, "a share from 0 to 0.45", zero=True), metavar="SHARE",
-        help=f"Scales are drawn within ± this share of 1 [default: {DEFAULT_SOFT_IRON:g}].",
+        help=f"Scale factors are drawn from 1 ± SHARE [default: {DEFAULT_SOFT_IRON:g}].",
     )  # fmt: skip
     hard_iron: float | None = size_option(
         "--hard-iron", f"Offsets are drawn within ± this, in µT [default: {DEFAULT_HARD_IRON_UT:g}]."
@@ -140,7 +140,7 @@ class ThreeAxis(Simulation):
         typed: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
         if self.sensor is not None:
             if drawn := [word for word, value in iron.items() if value is not None]:
-                raise UsageError(f"--sensor has its own iron: leave {' and '.join(drawn)} out")
+                raise UsageError(f"--sensor already states soft and hard iron: leave {' and '.join(drawn)} out")
             return replace(read(self.sensor).as_sensor(), **typed)
         soft = DEFAULT_SOFT_IRON if self.soft_iron is None else self.soft_iron
         hard = DEFAULT_HARD_IRON_UT if self.hard_iron is None else self.hard_iron

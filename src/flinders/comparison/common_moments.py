@@ -38,7 +38,9 @@ def require_reference(sources: Mapping[str, Recording], reference: str | None, f
         raise UsageError(f"reference {reference!r} is none of {', '.join(names)}: name one of them")
     units = {source.unit.inside for source in sources.values()}
     if field_strength is not None and len(units) > 1:
-        raise UsageError(f"one field strength for readings in {' and '.join(sorted(units))}: leave it out")
+        raise UsageError(
+            f"one field strength cannot fit readings in {' and '.join(sorted(units))}: leave the strength out"
+        )
     return names[0] if reference is None else reference
 
 
@@ -65,14 +67,16 @@ def pair_readings(samples: Sequence[Samples], reference: int) -> AlignedReadings
             spans = "; ".join(f"{each.source}: {time[0]:.1f} to {time[-1]:.1f} s" for each, time in
                               zip(samples, times, strict=True) if len(time))  # fmt: skip
             raise InputError(
-                f"{len(common.time)} moments are common to two magnetometers, {MIN_TIMES} are needed ({spans}): "
-                "record them at the same time, with one clock"
+                f"two magnetometers have readings at {len(common.time)} common moments, and {MIN_TIMES} are needed "
+                f"({spans}): record both at the same time, with one clock"
             )
         return common
     lengths = {len(field) for field in fields}
     if times or len(lengths) > 1:
         lack = "some have time and some have none" if times else f"without time they have {sorted(lengths)} readings"
-        raise UsageError(f"readings of several magnetometers are matched by time: {lack}; record time")
+        raise UsageError(
+            f"readings of several magnetometers are matched by time: {lack}. Record the time of each reading"
+        )
     zero = np.zeros(len(fields))
     return AlignedReadings(np.arange(lengths.pop(), dtype=float), np.stack(fields), zero, zero)
 

@@ -450,8 +450,8 @@ def refuse_unlike(a: Fit, b: Fit) -> None:
     for one in (a, b):
         if one.calibration.linearization is not None:
             raise UsageError(
-                f"{one.provenance.name} linearizes its axes, offset and matrix are only a part of its correction: "
-                "compare it with a recording, flinders check CALIBRATION RECORDING"
+                f"{one.provenance.name} linearizes its axes, so that offset and matrix are only a part of its "
+                "correction: compare it with a recording (flinders check CALIBRATION RECORDING)"
             )
     for what in ("axes", "frame"):
         ours, theirs = getattr(a.calibration, what), getattr(b.calibration, what)

@@ -148,7 +148,8 @@ def _require_blocks(estimator: Estimator, count: int, blocks: int) -> None:
     """Refuse too few readings for the blocks, and a method that needs all readings."""
     if blocks < 2 or count < MIN_BLOCK_READINGS * blocks:
         raise UsageError(
-            f"{blocks} blocks of {count:,} readings: need 2 or more, of {MIN_BLOCK_READINGS} readings or more each"
+            f"{blocks} blocks from {count:,} readings: need 2 blocks or more, each of at least {MIN_BLOCK_READINGS} "
+            "readings"
         )
     if getattr(estimator, "needs_even_turn", False):
         raise NotValidated(

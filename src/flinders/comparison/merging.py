@@ -299,8 +299,9 @@ def _refuse_alone(part: Fit) -> None:
     is_sane = MIN_RADIUS < radius < MAX_RADIUS and max(offset, largest) < MAX_OFFSET_RATIO * radius
     if not (is_sane and finest > MIN_SIGMA_RATIO * radius and gains[2] < MAX_GAIN_RATIO * gains[0]):
         raise UsageError(
-            f"{part.provenance.name} is not of a magnetometer: its radius is {radius:.2g}, its offset {offset:.2g}, "
-            f"known to {finest:.2g}, and one axis reads {gains[2] / gains[0]:.2g} times as much as another"
+            f"{part.provenance.name} is no plausible calibration of a magnetometer: radius {radius:.2g}, offset "
+            f"{offset:.2g} ± {finest:.2g}, one axis {gains[2] / gains[0]:.2g} times as sensitive as another; leave it "
+            "out"
         )
     if part.verdict == "refused":
         raise UsageError(f"{part.provenance.name} has the verdict refused and must not be used: leave it out")
@@ -320,8 +321,8 @@ def _refuse_pair(a: Fit, b: Fit) -> None:
         if high > MAX_RADIUS_RATIO * low:
             raise UsageError(
                 f"{a.provenance.name} has a radius of {figures(_radius(a), 3)} {unit_label(ours.unit)}, "
-                f"{b.provenance.name} one of {figures(_radius(b), 3)}: gain or unit differ, calibrate both "
-                "with the same"
+                f"{b.provenance.name} one of {figures(_radius(b), 3)}: gain or unit differ; calibrate both "
+                "with the same gain and unit"
             )
     if np.array_equal(ours.offset, theirs.offset) and np.array_equal(ours.matrix, theirs.matrix):
         if a.provenance.name == b.provenance.name:
@@ -355,8 +356,8 @@ def _refuse_constrained(parts: Sequence[RecordingFit]) -> None:
         free = chi_square_of(zero, part.covariance)[1]
         if free < freedom:
             raise UsageError(
-                f"{part.source} has {free} of {freedom} free parameters, as of a simpler method: "
-                "calibrate with a method that estimates all, such as auto"
+                f"{part.source} estimates only {free} of {freedom} parameters: calibrate with a method that estimates "
+                "all of them, such as auto"
             )
 
 

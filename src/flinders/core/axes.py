@@ -42,7 +42,7 @@ class Axes:
         """
         if not isinstance(text, str):
             raise AxesError(
-                f"axes are {text!r}, which is not text: give the recorded axis of each new axis",
+                f"axes are {text!r}, which is not text: give a text such as 'x,-y,-z'",
                 hint={"axes": "x,-y,z"},
             )
         return _parse_axes(text)

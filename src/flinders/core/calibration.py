@@ -393,7 +393,10 @@ class Calibration(Value):
         for name, value in values.items():
             kind_of(name)
             if name not in ours:
-                raise UsageError(f"the calibration does not follow {name}: it follows {', '.join(ours) or 'nothing'}")
+                raise UsageError(
+                    f"the calibration does not depend on {name}, only on {', '.join(ours) or 'the readings'}: leave "
+                    f"{name} out"
+                )
             if not np.isfinite(ours[name].numbers(value)):
                 raise UsageError(f"{name} is {value}: need a number")
         fixed = [ours[name] for name in values]
@@ -428,7 +431,9 @@ class Calibration(Value):
         if not isinstance(first, Calibration):
             return NotImplemented
         if self.unit != first.unit:
-            raise UnitError(f"a calibration in {self.unit} cannot follow one in {first.unit}: give the scale of counts")
+            raise UnitError(
+                f"a calibration in {self.unit} cannot be applied after one in {first.unit}: give the scale of counts"
+            )
         refuse_disturbances(self.disturbances, "come after another calibration")
         sensor = self.sensor if first.sensor is None else first.sensor
         if self.is_identity:

@@ -124,7 +124,7 @@ def refuse_disturbances(disturbances: tuple[Disturbance, ...], what: str) -> Non
     if disturbances:
         names = " and ".join(disturbance.name for disturbance in disturbances)
         raise UsageError(
-            f"a calibration that follows {names} cannot {what}: take it at fixed values first",
+            f"a calibration that depends on {names} cannot {what}: take the calibration at fixed values first",
             hint=reference_hint(disturbances),
         )
 
@@ -133,7 +133,8 @@ def refuse_linearization(linearization: Linearization | None, what: str) -> None
     """Raise `UsageError` if axes are linearized; `what` is the operation that needs linear axes."""
     if linearization is not None:
         raise UsageError(
-            f"a calibration that linearizes its axes cannot {what}: fit one that does not", hint={"linearize": None}
+            f"a calibration that linearizes its axes cannot {what}: calibrate without linearization",
+            hint={"linearize": None},
         )
 
 

@@ -114,9 +114,13 @@ class Disturbance(Value):
         if not np.all(np.isfinite(numbers)):
             raise ArrayError(f"{self.name} has {numbers}: reference, range, lag and gain must be finite")
         if self.lowest > self.highest:
-            raise UsageError(f"{self.name} was recorded from {self.lowest:g} to {self.highest:g}: the range is empty")
+            raise UsageError(
+                f"{self.name} was recorded from {self.lowest:g} to {self.highest:g}: need the smaller number first"
+            )
         if self.gain_per_unit and self.name != "temperature":
-            raise UsageError(f"{self.name} has a gain of {self.gain_per_unit:g}: only temperature changes the scale")
+            raise UsageError(
+                f"{self.name} has a gain of {self.gain_per_unit:g}: need 0, as only temperature changes the gain"
+            )
         object.__setattr__(self, "states", tuple(self.states))
         if self.states and (len(set(self.states)) != 2 or not is_column(self.name)):
             raise UsageError(f"{self.name} has states {', '.join(self.states)}: need two words, of a column of the log")
@@ -309,8 +313,10 @@ def values_by_name(followed: Sequence[Disturbance] = (), /, **columns: ArrayLike
     for name in given:
         if is_column(name) and name not in ours:
             each = ", ".join((*KINDS, "current1 …", "throttle1 …"))
-            does = f"it follows {', '.join(ours)}" if ours else "it follows nothing"
-            raise UsageError(f"the calibration does not follow {name!r}{did_you_mean(name, ours)}: {does}; need {each}")
+            does = f"only on {', '.join(ours)}" if ours else "only on the readings"
+            raise UsageError(
+                f"the calibration does not depend on {name!r}{did_you_mean(name, ours)}, {does}: need {each}"
+            )
     return given
 
 
@@ -336,8 +342,8 @@ def shift_and_gain(
         given = values.get(disturbance.name)
         if given is None:
             raise UsageError(
-                f"the calibration corrects for {disturbance.name}, which was not given: give it for each reading, or "
-                "take the calibration at a fixed value",
+                f"the calibration corrects for {disturbance.name}, and no values were given: give {disturbance.name} "
+                "for each reading, or take the calibration at a fixed value",
                 hint={disturbance.name: None, **reference_hint([disturbance])},
             )
         shift = shift + disturbance.shift(given)

@@ -55,7 +55,7 @@ class Linearization(Value):
         for name in ("quadratic", "cubic", "limit"):
             object.__setattr__(self, name, read_only_copy(check_triple(getattr(self, name), name)))
         if not self.limit.min() > 0.0:
-            raise ArrayError(f"limit of the linearization is {self.limit.tolist()}: need three positive departures")
+            raise ArrayError(f"limit of the linearization is {self.limit.tolist()}: need three positive numbers")
         with np.errstate(over="ignore", invalid="ignore"):
             read = np.linspace(-1.0, 1.0, 49)[:, np.newaxis] * self.limit
             slopes = 1.0 - (2.0 * self.quadratic + 3.0 * self.cubic * read) * read

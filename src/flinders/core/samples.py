@@ -41,6 +41,8 @@ BLOCK_ROWS: Final = 8192
 """Count of rows in a block: many, so that the calls of NumPy cost little, but few enough for the cache."""
 SILENT: Final = "silent"
 """Reason for skipping readings at which the sensor did not answer."""
+NOT_FINITE: Final = "not finite"
+"""Reason for skipping readings of which a number is missing or infinite."""
 MAX_NOTED_LINES: Final = 10  # largest number of line numbers that are stored for each reason
 ACCOMPANYING: Final = "accompanying"
 """Reason for skipping lines that a program prints between its readings: a title, a state, a ruler."""
@@ -80,8 +82,17 @@ class Skipped:
             where = f" (line {lines})" * bool(self.lines)
             return f"{count_text(self.rows, 'reading')} {are} {self.example}: the sensor did not answer{where}"
         example = f": {self.example!r}" if self.example else ""
-        what = "row" if self.is_loss else "line"
-        return f"{self.rows:,} {self.reason} {what}{'s' * (self.rows != 1)} (line {lines}{example})"
+        return f"{self.amount_text('row' if self.is_loss else 'line')} (line {lines}{example})"
+
+    def amount_text(self, noun: str) -> str:
+        """Number of the rows and the reason.
+
+        >>> Skipped(NOT_FINITE, 6990).amount_text("row"), Skipped("unreadable", 1).amount_text("line")
+        ('6,990 rows without finite readings', '1 unreadable line')
+        """
+        if self.reason == NOT_FINITE:
+            return f"{count_text(self.rows, noun)} without finite readings"
+        return count_text(self.rows, f"{self.reason} {noun}")
 
     @property
     def is_loss(self) -> bool:
@@ -384,7 +395,7 @@ class Samples:
             return self
         whole = np.all(is_finite, axis=1)
         rows = np.flatnonzero(~whole)
-        noted = Skipped("not finite", len(rows), tuple(int(row) + 1 for row in rows[:MAX_NOTED_LINES]))
+        noted = Skipped(NOT_FINITE, len(rows), tuple(int(row) + 1 for row in rows[:MAX_NOTED_LINES]))
         skipped = (*self.skipped, noted) if len(rows) else self.skipped
         return replace(self[whole & ~is_silent], skipped=skipped)
 

@@ -194,8 +194,8 @@ def fill_gyro_gaps(samples: Samples, wanted: Sequence[str]) -> tuple[Samples, li
 def gyro_scale_mistake(off: float) -> Mistake:
     """Mistake of a gyro whose scale error is implausibly large.
 
-    >>> gyro_scale_mistake(0.2).words[:76]
-    "the gyro's scales would have to be off by 20%, while a usual gyro's are off "
+    >>> gyro_scale_mistake(0.2).words[:71]
+    'for this recording the scales of the gyro would have to be off by 20%; '
     """
     return _certain_mistake(
         "gyro-scales", "rate", {"scales_off": min(off, 1.0), "scale_error": off, "usual": SCALE_SIGMA}
@@ -228,7 +228,7 @@ def divergence(aid: str, before_deg: float, after_deg: float) -> Mistake | None:
 
     >>> mistake = divergence("dip", 2.1, 180.0)
     >>> mistake is not None and mistake.words[:75]
-    "the fit claims a heading error of 180° with 'dip', 2.1° without: its measur"
+    "the fit claims a heading error of 180° with 'dip' and 2.1° without 'dip': t"
     """
     numbers = {"times_claim": after_deg / max(before_deg, 1e-9), "with_deg": after_deg, "without_deg": before_deg}
     return _mistake("aid-diverged", aid, numbers)
@@ -281,8 +281,8 @@ def wrong_dip_mistake(seen_deg: float, site: Site) -> Mistake:
 
     >>> from flinders.likelihood.site_field import Site
     >>> wrong_dip_mistake(-59.6, Site(inclination_deg=60.0)).words
-    'the field dips by -59.6°, at the site it should by 60.0°: the vertical seems to be upside down, as an \
-accelerometer that lies level reads −g on z; the site was not used'
+    'the field dips by -59.6° in the readings and by 60.0° at the site: the vertical seems to be upside down (level \
+and at rest, an accelerometer reads −g on z); the site was not used'
     """
     there = site.inclination_deg or 0.0
     if abs(seen_deg + there) <= FAR_SITE_DEG:

@@ -235,7 +235,7 @@ def _refuse_residuals(residuals: Floats) -> None:
     if not left < MAX_RMS_RESIDUAL:
         raise FitError(
             f"lengths of the still poses differ by {left:.0%} for any offsets and gains: give the columns of an "
-            "accelerometer, and for an analog one subtract its reading at zero acceleration",
+            "accelerometer, and for an analog accelerometer subtract its reading at zero acceleration",
             hint={"columns": None},
             left=left,
         )

@@ -75,7 +75,9 @@ class Algebraic:
     def __post_init__(self) -> None:
         """Refuse an unknown normalisation."""
         if self.normalisation not in get_args(Normalisation):
-            raise UsageError(f"normalisation is {self.normalisation!r}: need {', '.join(get_args(Normalisation))}")
+            raise UsageError(
+                f"normalisation is {self.normalisation!r}: need one of {', '.join(get_args(Normalisation))}"
+            )
 
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid.

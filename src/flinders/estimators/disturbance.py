@@ -339,7 +339,9 @@ def fit_and_compensate(
     no ellipsoid. Raises `InputError` or `TooFewSamples` as `fit_disturbances`.
     """
     if not hasattr(source, "blocks"):
-        raise UsageError(f"to follow {' and '.join(names)}, give a recording with that column, such as Samples")
+        raise UsageError(
+            f"to correct for {' and '.join(names)}, give a recording with such a column, for example Samples"
+        )
     recording = cast("Recording", source)
     parts = list(single_recordings(recording))
     unturned = fit_still(parts, names)

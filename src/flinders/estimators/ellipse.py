@@ -79,7 +79,10 @@ class Ellipse:
         axis_order(self.plane)
         check_prior(self.prior)
         if self.prior is None:
-            raise UsageError("ellipse needs a prior across the plane: give one", hint={"prior": prior.SOFT_IRON_SPREAD})
+            raise UsageError(
+                "the method ellipse needs a prior, as its readings lie in one plane: give a prior",
+                hint={"prior": prior.SOFT_IRON_SPREAD},
+            )
 
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipse to the readings of the plane.

@@ -68,7 +68,10 @@ class Level:
         """Raise `UsageError` for an invalid prior or none: a level turn does not determine parameters along z."""
         check_prior(self.prior)
         if self.prior is None:
-            raise UsageError("level needs a prior across the plane: give one", hint={"prior": prior.SOFT_IRON_SPREAD})
+            raise UsageError(
+                "the method level needs a prior, as its readings lie in one plane: give a prior",
+                hint={"prior": prior.SOFT_IRON_SPREAD},
+            )
 
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipse to x and y.

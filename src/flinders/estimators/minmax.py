@@ -101,7 +101,7 @@ class MinMax:
     def __post_init__(self) -> None:
         """Refuse an unknown variant."""
         if self.variant not in get_args(Variant):
-            raise UsageError(f"variant is {self.variant!r}: need {', '.join(get_args(Variant))}")
+            raise UsageError(f"variant is {self.variant!r}: need one of {', '.join(get_args(Variant))}")
         if not isinstance(self.trim, bool):
             raise UsageError(f"trim is {self.trim!r}: need True or False")
 

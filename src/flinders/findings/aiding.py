@@ -19,15 +19,15 @@ ROWS: Final = (
         ),
         rule=Rule("deviation_deg", (Grade("limits", 1.0, "deviation_limit_deg"),)),
         said=(
-            "the yaw of the attitude follows a compass with a deviation of {deviation_deg:.1f}°, most likely this"
-            " one before it was calibrated; the attitude was not used. Take the attitude without its yaw ('tilt'), or "
-            "one without a compass in it"
+            "the yaw of the recorded attitude comes from a compass with a deviation of {deviation_deg:.1f}°, most "
+            "likely from this compass before its calibration; the attitude was not used. Use the attitude without its "
+            "yaw ('tilt'), or an attitude that was estimated without a compass"
         ),
         plain=(
-            "The heading in the recorded attitude errs by {angle}, in step with the heading itself. It most "
-            "likely came from this compass before it was corrected, and was not used."
+            "The heading in the recorded attitude has an error of {angle} that depends on the heading. It most likely "
+            "came from this compass before the correction, and was not used."
         ),
-        remedy="Take the attitude without its heading, or one that uses no compass.",
+        remedy="Use the attitude without its heading, or an attitude that was estimated without a compass.",
     ),
     CatalogueRow(
         code="gyro-unit",
@@ -36,12 +36,12 @@ ROWS: Final = (
         action="record the rate in rad/s; the gyro was not used",
         rule=Rule("times_better", (Grade("limits", 0.0),), limit=Limit(2.0)),
         said=(
-            "the rate fits {times_better:.0f} times better {as_what}: record it in rad/s, clockwise along an axis"
-            " positive; the gyro was not used"
+            "the gyro's rate fits {times_better:.0f} times better {as_what}; the gyro was not used. Record the rate in "
+            "rad/s, with the signs of the right-hand rule"
         ),
         plain=(
-            "The recorded turning rate does not agree with the compass, unless it is in another unit. The rate was not "
-            "used."
+            "The recorded turning rate agrees with the compass only if its unit or its sign is changed. The rate was "
+            "not used."
         ),
         remedy="Record the turning rate in radians a second.",
     ),
@@ -52,8 +52,9 @@ ROWS: Final = (
         action="the gyro is stuck, at its limit, too slow, or another body's; its rate was not used",
         rule=Rule("gyro_leaves", (Grade("limits", 0.5),)),
         said=(
-            "the gyro does not explain {gyro_leaves:.0%} of the field's motion in any unit and axes: it is "
-            "stuck, at its limit, slower than the readings, or that of another body or time; its rate was not used"
+            "the gyro does not explain {gyro_leaves:.0%} of the field's motion, whatever its unit and axes: the gyro "
+            "is stuck, is at its limit, is slower than the readings, or was recorded on another body or at another "
+            "time; its rate was not used"
         ),
         plain="The recorded turning rate contradicts the compass. It was not used.",
         remedy=(
@@ -85,10 +86,13 @@ ROWS: Final = (
         action="check the gyro's range and how often it is logged; the gyro was not used",
         rule=Rule("scales_off", (Grade("limits", 0.0),), limit=Limit(0.1)),
         said=(
-            "the gyro's scales would have to be off by {amount}, while a usual gyro's are off by about {usual:.0%}: "
-            "check its range and how often it is logged; the gyro was not used"
+            "for this recording the scales of the gyro would have to be off by {amount}; those of a usual gyro are off "
+            "by about {usual:.0%}. Check its range and how often it is logged; the gyro was not used"
         ),
-        plain="The gyro turns {number:.0%} too much or too little, which no sound gyro does. The gyro was not used.",
+        plain=(
+            "The turns that the gyro reads are {number:.0%} too large or too small. No intact gyro errs by that much. "
+            "The gyro was not used."
+        ),
         remedy="Check the range that the gyro is set to, and that it is recorded often enough.",
     ),
     CatalogueRow(
@@ -114,8 +118,8 @@ ROWS: Final = (
         action="leave that aiding sensor out: an accelerometer leans in steady turns; it was not used",
         rule=Rule("scales_off", (Grade("limits", 0.0),), limit=Limit(0.1)),
         said=(
-            "with {aid!r} the fit finds the gyro's scales off by {amount}, without {aid!r} it finds them correct: "
-            "{why_disagree}. {aid!r} was not used; leave it out"
+            "with {aid!r} the fit finds the gyro's scales off by {amount}, without {aid!r} it finds the scales "
+            "correct: {why_disagree}. {aid!r} was not used; leave {aid!r} out"
         ),
         plain="The gyro and the recorded vertical contradict each other. The vertical was not used.",
         remedy="Leave the vertical out, as it leans in turns; or record while turning on the spot.",
@@ -152,7 +156,10 @@ ROWS: Final = (
             "{why_astray}; {aid!r} was not used"
         ),
         plain="The recorded attitude of the body contradicts the compass. It was not used.",
-        remedy="Check in which direction the recorded attitude turns, its times, and that it is of the same body.",
+        remedy=(
+            "Check the direction of rotation and the times of the recorded attitude, and that the attitude is that of "
+            "the same body."
+        ),
     ),
     CatalogueRow(
         code="aid-diverged",
@@ -161,9 +168,9 @@ ROWS: Final = (
         action="leave the aiding sensor out, or turn the sensor through more directions; it was not used",
         rule=Rule("times_claim", (Grade("limits", 4.0),)),
         said=(
-            "the fit claims a heading error of {with_deg:.0f}° with {aid!r}, {without_deg:.2g}° without: its "
-            "measurements contradict the field, or the motion leaves too much undetermined. {aid!r} was not used; "
-            "leave it out, or turn the sensor through more directions"
+            "the fit claims a heading error of {with_deg:.0f}° with {aid!r} and {without_deg:.2g}° without {aid!r}: "
+            "the measurements of {aid!r} contradict the field, or the motion leaves too much undetermined. {aid!r} "
+            "was not used; leave it out, or turn the sensor through more directions"
         ),
         plain="The recorded attitude of the body makes the calibration worse. It was not used.",
         remedy="Turn the vehicle through more directions, or calibrate without that instrument.",
@@ -175,10 +182,13 @@ ROWS: Final = (
         action="record that quantity, or leave the aiding sensor out; it was not used",
         rule=Rule("usable", (Grade("limits", 12.0),), comparison="<"),
         said=(
-            "{usable:.0f} of {samples:,.0f} readings have {what_is_empty}: record it, or leave {aid!r} out; {aid!r} "
-            "was not used"
+            "only {usable:.0f} of {samples:,.0f} readings have {what_is_empty}, which {aid!r} needs; {aid!r} was not "
+            "used. Record more of these values, or leave {aid!r} out"
         ),
-        plain="A quantity that was to help the calibration is missing in nearly all readings. It was not used.",
+        plain=(
+            "An additional quantity for the calibration, such as the turning rate, is missing in nearly all readings. "
+            "It was not used."
+        ),
         remedy="Check what is recorded beside the compass.",
     ),
     CatalogueRow(
@@ -201,8 +211,8 @@ ROWS: Final = (
         action="the gyro does not determine the offset along that axis: turn about another axis as well",
         rule=Rule("second_axis", (Grade("note", 0.05),), comparison="<"),
         said=(
-            "the body turned about one axis (about the second {second_axis:.0%} as much): the gyro does not determine "
-            "the offset along this axis; turn the body about another axis as well"
+            "the body turned mainly about one axis (about the second axis {second_axis:.0%} as much): the gyro does "
+            "not determine the offset along the first axis; turn the body about another axis as well"
         ),
         plain=(
             "Nearly all turning was about one axis. The turning rate does not determine the offset of the compass "
@@ -220,10 +230,10 @@ ROWS: Final = (
         ),
         rule=Rule("handedness", (Grade("limits", 1.0),), comparison="<"),
         said=(
-            "the magnetometer is left-handed: {axis} has the wrong sign. Its axes fit as {axes}, where the field dips "
-            "by {site_dip_deg:.1f}° as at the site; turned by {turned_by} they would fit as well, and it would dip by "
-            "{dip_deg:.1f}°. Correct the sign in the driver, or map the axes by {axes}, and calibrate again; headings "
-            "are wrong by 180° until then"
+            "the magnetometer is left-handed: {axis} has the wrong sign. With the axes mapped by {axes} the readings "
+            "fit, and the field dips by {site_dip_deg:.1f}° as at the site. Rotated by {turned_by} the readings fit "
+            "equally well, but the field would dip by {dip_deg:.1f}°. Correct the sign in the driver, or map the axes "
+            "by {axes}, and calibrate again. Until then headings are wrong by 180°"
         ),
         hint={"axes": None},
         plain="An axis of the compass has the wrong sign. Headings are wrong by 180° until it is corrected.",
@@ -236,10 +246,10 @@ ROWS: Final = (
         action="check place and date, whether iron was near, and the accelerometer's sign; the site was not used",
         rule=Rule("dip_off_deg", (Grade("limits", 0.0),), limit=Limit(2.0)),
         said=(
-            "the field dips by {dip_deg:.1f}°, at the site it should by {site_dip_deg:.1f}°: {site_check}; the site "
-            "was not used"
+            "the field dips by {dip_deg:.1f}° in the readings and by {site_dip_deg:.1f}° at the site: {site_check}; "
+            "the site was not used"
         ),
-        plain="The field points down {number:.0f}° more or less steeply than it should at the place that was given.",
+        plain="The dip of the field differs by {number:.0f}° from the dip at the place that was given.",
         remedy="Check the place and the day, and whether there was iron near.",
     ),
 )

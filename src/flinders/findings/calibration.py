@@ -33,9 +33,9 @@ ROWS: Final = (
         ),
         said=(
             "a field of {radius} µT is outside the earth's {weakest:g}–{strongest:g} µT: check the unit or scale;"
-            " headings do not depend on it"
+            " headings do not depend on the strength"
         ),
-        plain="The field that was found, {length}, is not one of the earth's. Headings do not depend on that.",
+        plain="The field strength in the readings, {length}, occurs nowhere on earth. Headings do not depend on it.",
         remedy="Check the unit of the recording.",
     ),
     CatalogueRow(
@@ -48,14 +48,14 @@ ROWS: Final = (
         fleet_action="check unit, scale and gain",
         rule=Rule("strength_sigmas", (Grade("note", 4.0),)),
         said=(
-            "the readings show a field of {strength_found:.3g} {unit}, and the site's is {site_strength:.3g} {unit}, "
-            "{strength_sigmas} standard deviations away: the strength of the site was left out. Check unit and scale; "
-            "else the gain of the sensor is off by more than was stated"
+            "the field strength is {strength_found:.3g} {unit} in the readings and {site_strength:.3g} {unit} at the "
+            "site, a difference of {strength_sigmas} standard deviations; the strength of the site was not used. Check "
+            "unit and scale; if both are right, the gain of the sensor is off by more than was stated"
         ),
         hint={"unit": None, "scale": None},
         plain=(
-            "The strength of the field that was found is not that of the place, which was therefore left out. "
-            "Headings do not depend on it."
+            "The field strength in the readings differs from that of the place. The strength of the place was not "
+            "used. Headings do not depend on it."
         ),
         remedy="Check the unit of the recording, and the gain of the sensor.",
     ),
@@ -66,11 +66,11 @@ ROWS: Final = (
         action="check the axes mapping: right only for a left-handed sensor",
         rule=Rule("handedness", (Grade("limits", 1.0),), comparison="<"),
         said=(
-            "the axes mapping {axes} is a mirror image, right only for a left-handed sensor: else change the sign"
-            " of one axis"
+            "the axes mapping {axes} is a mirror image, which is correct only for a left-handed sensor: for any other "
+            "sensor, change the sign of one axis"
         ),
         hint={"axes": None},
-        plain="The axes were mapped to a mirror image, which is right only for a left-handed sensor.",
+        plain="The axes mapping is a mirror image, which is correct only for a left-handed sensor.",
         remedy="Check the axes mapping.",
     ),
     CatalogueRow(
@@ -109,10 +109,10 @@ ROWS: Final = (
         rule=Rule("is_unaligned", (Grade("note", 0.0),), number="nothing", limit=Limit(0.0)),
         said="the mounting angle cannot be seen by a magnetometer and is not included",
         plain=(
-            "How the sensor is turned against the vehicle cannot be seen by a magnetometer. A sensor that is "
-            "mounted askew adds to the errors given here."
+            "A magnetometer cannot see its own mounting angle in the vehicle. An error of that angle adds to the "
+            "errors given here."
         ),
-        remedy="Check by other means, such as a known bearing, how the sensor is mounted.",
+        remedy="Check the mounting angle by other means, such as a known bearing.",
     ),
     CatalogueRow(
         code="typed-extremes",
@@ -126,14 +126,13 @@ ROWS: Final = (
         ),
         rule=Rule("is_typed", (Grade("limits", 0.0),), number="unturned_deg", limit=Limit(1.0, "target_deg")),
         said=(
-            "six typed numbers: they do not show the number of readings, their noise or the extent of the turn, so no "
-            "heading error can be claimed{turned_short}. Check the calibration on known bearings, and record the "
-            "readings if possible"
+            "the calibration comes from six typed numbers. They do not show the number of readings, their noise or the "
+            "extent of the turn, so that no heading error can be claimed{turned_short}. Check the calibration on known "
+            "bearings, and record the readings if possible"
         ),
         plain=(
-            "There was no recording, only the smallest and the largest reading of each axis, which do not show how "
-            "good the correction is; if the sensor was not turned all the way, the compass may be off by {angle} "
-            "or more."
+            "There was no recording, only the smallest and the largest reading of each axis. They do not show how good "
+            "the correction is. If the sensor was not turned all the way, the compass may be off by {angle} or more."
         ),
         remedy="Check the compass on known bearings, and record the readings where that can be done.",
     ),
@@ -147,8 +146,9 @@ ROWS: Final = (
         rule=Rule("is_composed", (Grade("limits", 0.0),), number="rotation_left_deg", limit=Limit(1.0, "target_deg")),
         said="composed of turns ({turns}){composition}",
         plain=(
-            "The correction was put together from turns in one plane after the other. The part that they do not "
-            "determine costs a level heading {angle}; the accuracy at other attitudes is not known."
+            "The correction was put together from turns in one plane after the other. The turns leave a part of it "
+            "undetermined, which adds {angle} to the error of a level heading. The accuracy at other attitudes is not "
+            "known."
         ),
         remedy="Record the same turns without a correction, and calibrate from all of them together.",
     ),
@@ -161,7 +161,7 @@ ROWS: Final = (
         ),
         limit="worst heading error claimed",
         action=(
-            "turn more slowly, or leave the filter out: it pulls readings of a turning sensor inside the "
+            "turn more slowly, or leave the filter out: a filter pulls readings of a turning sensor inside the "
             "ellipsoid; `auto` leaves spikes out by itself ([filters](filters.md))"
         ),
         rule=Rule(
@@ -170,7 +170,7 @@ ROWS: Final = (
         said="filtered ({filter}{dropped_words}){filter_effect}",
         plain="The readings went through a filter, which moved the heading by {angle} at the worst.",
         remedy=(
-            "If the filter moved the heading by more than the error given here, calibrate again without it, or "
+            "If the filter moved the heading by more than the error given here, calibrate again without the filter, or "
             "turn the sensor more slowly."
         ),
     ),

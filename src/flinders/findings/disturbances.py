@@ -15,14 +15,14 @@ ROWS: Final = (
             " one by one"
         ),
         action=(
-            "use the calibration where the disturbances rise and fall as in the recording, follow one of them alone, "
-            "or vary each by itself"
+            "use the calibration where the disturbances rise and fall as in the recording, or calibrate with one of "
+            "them alone, or vary each by itself"
         ),
         rule=Rule("most_alike", (Grade("limits", 0.95),)),
         said=(
-            "{alike} rose and fell together ({most_alike:.1%} of one's variation is explained by the others): their "
-            "joint effect is known, but hardly the effect of each; use the calibration where they rise and fall as in "
-            "the recording, follow one of them alone, or vary each by itself"
+            "{alike} rose and fell together (the others explain {most_alike:.1%} of the variation of one). Their joint "
+            "effect is known, but hardly the effect of each. Use the calibration where they rise and fall as in the "
+            "recording, or calibrate with one of them alone, or record again and vary each by itself"
         ),
         plain="Several recorded disturbances rose and fell together, so that their effects cannot be separated.",
         remedy="Use the correction where they rise and fall as recorded, or record again and vary each by itself.",
@@ -43,7 +43,7 @@ ROWS: Final = (
             "A recorded disturbance, such as a current, has so much noise that its effect was found up to {number:.0%}"
             " too small."
         ),
-        remedy="Record it with less noise, or hold each setting for longer.",
+        remedy="Record the disturbance with less noise, or hold each setting for longer.",
     ),
     CatalogueRow(
         code="disturbance-constant",
@@ -53,7 +53,7 @@ ROWS: Final = (
         rule=Rule("is_constant", (Grade("limits", 0.0),), number="nothing", limit=Limit(1.0, "least_range")),
         said=(
             "{name} hardly changed (by less than {least_range:g}{range_unit}), so that its effect cannot be "
-            "determined: vary it over its whole range while turning the sensor"
+            "determined: vary {name} over its whole range while turning the sensor"
         ),
         plain=(
             "A recorded disturbance, such as a current, hardly changed during the recording, so that its effect is not "
@@ -70,8 +70,8 @@ ROWS: Final = (
         action="nothing; name a column that moves the readings, or leave this one out",
         rule=Rule("is_unused", (Grade("note", 0.0),), number="scatter_ratio", limit=Limit(0.98)),
         said=(
-            "{name} explains nothing: where readings were left out of the fit, their strength scatters "
-            "{scatter_ratio:.3f} times as much with it as without; the calibration does not follow it"
+            "{name} does not affect the readings: in stretches that were left out of the fit, the field strength "
+            "scatters {scatter_ratio:.3f} times as much with {name} as without; the calibration does not use {name}"
         ),
         plain="One of the columns that were named does not affect the compass, and was left out.",
         remedy="Leave that column out.",
@@ -85,8 +85,8 @@ ROWS: Final = (
         action="nothing; log that column wherever the calibration is used",
         rule=Rule("removed_deg", (Grade("note", -1.0),), limit=Limit(0.0)),
         said=(
-            "the offset follows {disturbance} ({unit}): that removes up to {removed_deg}° of heading error {at_end}, "
-            "and leaves {remaining_deg}° (1 σ{running}){explains}{without}"
+            "the offset follows {disturbance} ({unit}). This correction removes up to {removed_deg}° of heading error "
+            "{at_end}, and leaves {remaining_deg}° (1 σ{running}){explains}{without}"
         ),
         plain="A recorded disturbance is corrected. Without that, headings would be off by up to {angle}.",
         remedy="Use the calibration only where the disturbance is measured as in the recording.",
@@ -101,7 +101,7 @@ ROWS: Final = (
         rule=Rule("remaining_deg", (Grade("limits", 1.0, "target_deg"),)),
         said=(
             "{at_end} the heading may be off by {left_at_most_deg}° (1 σ; the target is {target_deg:g}°) due to the "
-            "uncertainty of {name}'s effect: vary it while turning the sensor through all directions"
+            "uncertainty of {name}'s effect: vary {name} while turning the sensor through all directions"
         ),
         plain="At the far end of the range of a recorded disturbance, headings may be off by {angle}.",
         remedy="Record again, longer at that end of its range, while turning through all directions.",
@@ -112,8 +112,8 @@ ROWS: Final = (
         action="vary it in each attitude, not in step with the turning",
         rule=Rule("attitude_collinearity", (Grade("limits", 0.95),)),
         said=(
-            "{attitude_collinearity:.1%} of the effect of {name} could also be due to the attitude: vary it in each "
-            "attitude, not in step with the turning"
+            "{attitude_collinearity:.1%} of the effect of {name} could also be due to the attitude: vary {name} in "
+            "each attitude, not in step with the turning"
         ),
         plain=(
             "A recorded disturbance changed in step with the attitude of the sensor ({number:.0%} of it), so that "
@@ -145,8 +145,8 @@ ROWS: Final = (
         action="check the times of its column: it has another clock, or does not move the readings",
         rule=Rule("is_lag_at_limit", (Grade("limits", 0.0),), number="lag_s", limit=Limit(1.0)),
         said=(
-            "readings follow {name} best at the end of the search for a lag ({lag_s:+.2g} s): its clock is off by"
-            " more than a second, or it does not move the readings; check the times of the column {name}"
+            "the best lag of {name} is at the end of the search range ({lag_s:+.2g} s): the clock of {name} is off by "
+            "more than a second, or {name} does not affect the readings. Check the times of the column {name}"
         ),
         plain=(
             "The compass seems to follow a recorded disturbance with a delay of more than {limit:g} s. The clocks of "
@@ -164,9 +164,9 @@ ROWS: Final = (
         action="record the current instead of the throttle, or use the calibration near the most frequent values",
         rule=Rule("curvature", (Grade("limits", 0.03),), needs=(Needs("curvature_deg", ">=", 1.0, "unsaid_deg"),)),
         said=(
-            "the effect of {name} deviates from a straight line by {curvature:.0%}: the sensor follows its "
-            "square, or another quantity that varies with {name}; {other_column}use the calibration near the {name} "
-            "that occurs most in the recording"
+            "the effect of {name} deviates from a straight line by {curvature:.0%}: the field depends on the square of "
+            "{name}, or on another quantity that varies with {name}. To avoid this, {other_column}use the calibration "
+            "near the most frequent value of {name} in the recording"
         ),
         plain=(
             "The effect of a recorded disturbance is not proportional to it: {number:.0%} of the effect is off"
@@ -189,8 +189,8 @@ ROWS: Final = (
         rule=Rule("is_out_of_range", (Grade("limits", 0.0),), number="range_number", limit=Limit(1.0, "range_end")),
         said="{out_of_range}",
         plain=(
-            "A recorded disturbance has impossible values, as far as {number:g}: it is in another unit, or has the "
-            "wrong sign."
+            "A recorded disturbance has impossible values, such as {number:g}: the column is in another unit, or has "
+            "the wrong sign."
         ),
         remedy="Convert that column, or change its sign, before anything is exported.",
     ),
@@ -210,13 +210,13 @@ ROWS: Final = (
             (Grade("note", 0.25), Grade("limits", 1.0, "reference_limit")),
         ),
         said=(
-            "the offset is stated for {reference_amount} of {name}, but {name} was recorded from {lowest:.3g} to "
-            "{highest_amount} only: the offset is extrapolated along a straight line, by {reference_outside:.0%} of "
-            "that range; record with {reference_amount} as well, or use the calibration in that range alone"
+            "the offset is stated for {reference_amount} of {name}, but {name} was recorded only from {lowest:.3g} to "
+            "{highest_amount}. The offset is therefore extrapolated along a straight line, by {reference_outside:.0%} "
+            "of that range. Record with {reference_amount} as well, or use the calibration in that range alone"
         ),
         plain=(
-            "A recorded disturbance was never as low as the value at which the offset is stated. There the offset "
-            "is extrapolated along a straight line."
+            "A recorded disturbance was never as low as the value at which the offset is stated. At that value "
+            "the offset is extrapolated along a straight line."
         ),
         remedy="Record with the disturbance switched off as well, or use the calibration only in its recorded range.",
     ),
@@ -240,10 +240,10 @@ ROWS: Final = (
         rule=Rule("step", (Grade("limits", 0.0),), limit=Limit(4.0, "noise")),
         said=(
             "the residuals have a step of {step} (noise {noise}): the sensor moved, or something magnetic came near; "
-            "fix both, and record again"
+            "fasten the sensor, keep everything magnetic away, and record again"
         ),
         plain="The sensor should stay at rest, but was moved.",
-        remedy="Fix the sensor, keep everything magnetic away, and record again.",
+        remedy="Fasten the sensor, keep everything magnetic away, and record again.",
     ),
     CatalogueRow(
         code="bench-tilted",
@@ -257,11 +257,10 @@ ROWS: Final = (
         ),
         rule=Rule("tilted_deg", (Grade("limits", 0.5),)),
         said=(
-            "the vertical tilts by {tilted_deg}° in step with the disturbance, as the accelerometer shows: the sensor "
-            "moved with it, and part of the earth's field was taken for the disturbance's; fix the sensor, "
-            "and record again"
+            "the accelerometer shows that the sensor tilts by {tilted_deg}° in step with the disturbance: part of the "
+            "earth's field was attributed to the disturbance. Fasten the sensor, and record again"
         ),
-        plain="The sensor that should be held still tilted by {angle} in step with the disturbance.",
-        remedy="Fix the sensor, and record again.",
+        plain="The sensor should be held still, but tilted by {angle} in step with the disturbance.",
+        remedy="Fasten the sensor, and record again.",
     ),
 )

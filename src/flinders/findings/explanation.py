@@ -6,7 +6,8 @@
 >>> explain("heading-error").meaning.partition(":")[0]
 'The heading may be off by more than the target'
 >>> explain("field-strength").meaning.partition(". ")[0], explain("axis-swap").action.partition(". ")[2]
-("The field that was found, N µT, is not one of the earth's", 'A swap throughout the recording cannot be detected.')
+('The field strength in the readings, N µT, occurs nowhere on earth', 'A swap throughout the recording cannot be \
+detected.')
 >>> explain("coverge")
 Traceback (most recent call last):
 flinders.errors.UsageError: there is no finding or error 'coverge': did you mean coverage?
@@ -37,7 +38,8 @@ class Explanation:
 
     code: str
     meaning: str  #: for the user of the compass; N stands for the number
-    verdict: str  #: its effect on a fit: ``good``, ``limited`` or ``refused``, with conditions
+    #: its effect on a fit: ``good``, ``limited`` or ``refused``, with conditions; empty for errors of files or options
+    verdict: str
     number: str  #: meaning and unit of the number; empty for an error
     limit: str  #: limit for the number; empty for an error
     action: str  #: what to do
@@ -73,7 +75,8 @@ def explain(code: str) -> Explanation:
         )
     if refusal := REFUSALS.get(code):
         action = as_sentence(refusal.remedy or refusal.action)
-        return Explanation(code, refusal.plain.format_map(_Named()), VERDICTS["refuses"], "", "", action, "")
+        words = refusal.plain.format_map(_Named()) or refusal.meaning
+        return Explanation(code, words, VERDICTS["refuses"] if refusal.plain else "", "", "", action, "")
     for verdict, meaning in MEANINGS.items():
         if code == verdict:
             raise UsageError(f"{code!r} is a verdict: {meaning.words}. Codes of findings are in brackets after them")

@@ -42,9 +42,10 @@ ROWS: Final = (
         action="keep the vehicle level, or turn the sensor onto its sides and upside down too",
         rule=Rule("is_planar", (Grade("limits", 0.0),), number="attitude_limit_deg", limit=Limit(180.0)),
         said=(
-            "a level turn, corrected in {plane_axes} {where_placed}{assumed}, for places where the field dips as here: "
-            "{attitudes}; {per_degree_of_tilt}° for each degree from the plane that it was turned in{where_z_points}. "
-            "For all attitudes {mounting}also turn the sensor onto its sides and upside down"
+            "the sensor was turned level, so that the calibration corrects {plane_axes} {where_placed}{assumed}, for "
+            "places with the same dip: {attitudes}; each degree of tilt from the plane of the turn adds "
+            "{per_degree_of_tilt}°{where_z_points}. For all attitudes {mounting}also turn the sensor onto its sides "
+            "and upside down"
         ),
         plain="The sensor was turned level only.",
         remedy="For all attitudes, record again and turn the sensor onto its sides and upside down, too.",
@@ -73,8 +74,8 @@ ROWS: Final = (
         action="use the readings without the calibration, if the advice says so: it hardly improves them",
         rule=Rule("uncorrected_deg", (Grade("note", -1.0),), limit=Limit(1.0, "worst_deg")),
         said=(
-            "the readings were corrected before. As recorded they give headings to {uncorrected_deg:angle} ± "
-            "{worst_deg:angle} (worst heading), with this calibration to {worst_deg:angle}: {leave}"
+            "the readings were already corrected. The error of their worst heading is {uncorrected_deg:angle} ± "
+            "{worst_deg:angle} as recorded, and {worst_deg:angle} with this calibration: {leave}"
         ),
         plain="The readings were already corrected. Without this calibration their headings are off by {angle}.",
         remedy="Use the calibration only if that error is too large.",
@@ -88,11 +89,11 @@ ROWS: Final = (
         action="tumble the sensor again and calibrate: the renewed fit allows a change of the soft iron by 5 %",
         rule=Rule("soft_iron_p_value", (Grade("limits", 0.001),), comparison="<"),
         fault=(
-            "the soft iron of {previous} no longer fits the readings (chance: {soft_iron_p_value:.1g}), so that it "
-            "was allowed to have changed by 5 %"
+            "the soft iron of {previous} no longer fits the readings (probability by chance: {soft_iron_p_value:.1g}); "
+            "the fit allowed it to change by 5 %"
         ),
         said="tumble the sensor again, and calibrate afresh",
-        plain="The soft iron is not as it was at the earlier calibration.",
+        plain="The soft iron has changed since the earlier calibration.",
         remedy="Turn the sensor through all directions again, and calibrate afresh.",
         alarm=True,
     ),
@@ -101,7 +102,7 @@ ROWS: Final = (
         number="probability that chance alone makes poses at known headings contradict each other as much",
         action="check each heading, the dip, and that no iron is near; soft iron that has changed needs a full tumble",
         rule=Rule("poses_by_chance", (Grade("refuses", 0.001),), comparison="<"),
-        fault="the poses contradict each other (chance: {poses_by_chance:.1g})",
+        fault="the poses contradict each other (probability by chance: {poses_by_chance:.1g})",
         said=(
             "check each heading and the dip of the place, and that no iron is near; soft iron that has changed needs "
             "a full tumble"
@@ -118,18 +119,21 @@ ROWS: Final = (
         ),
         action=(
             "tilt the body far about two axes while recording, say how well the accelerometer is calibrated "
-            "(`--accelerometer-bias`), or calibrate without aids and measure the mounting"
+            "(`--accelerometer-bias`), or calibrate without aiding sensors and measure the mounting"
         ),
         rule=Rule("alignment_deg", (Grade("limits", 1.0, "target_deg"),)),
         said=(
-            "the mounting found with the aids is uncertain by {alignment_deg:angle} of a level heading (1 σ; the "
-            "target is {target_deg:g}°), which the heading error does not include: "
-            "tilt the body far about two axes while recording, say how well the accelerometer is calibrated, or "
-            "calibrate without aids and measure the mounting"
+            "the mounting of the magnetometer is uncertain: it may turn a level heading by {alignment_deg:angle} (1 "
+            "σ; the target is {target_deg:g}°), and the heading error does not include that. Tilt the body far about "
+            "two axes while recording, state how well the accelerometer is calibrated, or calibrate without aiding "
+            "sensors and measure the mounting"
         ),
         hint={"acceleration_bias_sigma": None},
-        plain="How the compass sits in the vehicle was found only roughly: it adds {number:.1f}° to headings.",
-        remedy="Tilt the vehicle far about two axes while recording, or measure how the compass sits.",
+        plain=(
+            "The mounting angle of the compass in the vehicle is known only roughly. That adds {number:.1f}° to the "
+            "error of headings."
+        ),
+        remedy="Tilt the vehicle far about two axes while recording, or measure the mounting angle.",
     ),
     CatalogueRow(
         code="bias",
@@ -138,14 +142,14 @@ ROWS: Final = (
         action="use `auto`: the method's model is too simple for this sensor, or noise biases it",
         rule=Rule("bias_deg", (Grade("note", 0.1, "target_deg"), Grade("limits", 1.0, "target_deg"))),
         said=(
-            "headings by {method!r} are {bias_deg}° (rms) off those of the maximum-likelihood fit, more than chance "
-            "explains: {why_biased}"
+            "headings by {method!r} differ by {bias_deg}° (rms) from those of the maximum-likelihood fit, more than by "
+            "chance: {why_biased}"
         ),
         plain=(
-            "The method that was chosen costs {angle} of heading on average: it is too simple for this sensor, or"
-            " not made for a recording like this."
+            "The chosen method adds {angle} to the error of headings, on average: the method is too simple for this "
+            "sensor, or not made for a recording like this."
         ),
-        remedy="Calibrate again with the method auto, or of a level turn with the method ellipse.",
+        remedy="Calibrate again with the method auto, or for a level turn with the method ellipse.",
     ),
     CatalogueRow(
         code="coverage",
@@ -167,14 +171,14 @@ ROWS: Final = (
             "record again away from iron and currents, with nothing magnetic moving near the sensor; check the columns"
         ),
         rule=Rule("noise_share", (Grade("limits", 0.05), Grade("refuses", 0.2))),
-        fault="the readings lie {noise_share:.0%} of the field off the ellipsoid",
+        fault="the readings scatter about the ellipsoid by {noise_share:.0%} of the field",
         said=(
             "record again away from iron and currents, without moving anything magnetic near the sensor, and check "
             "the columns"
         ),
         plain=(
-            "After the best correction the strength of the field still varies by {number:.1%} as the sensor "
-            "turns. That is more than a sensor does by itself: something moved, or a current flowed, or other "
+            "After the best correction the strength of the field still varies by {number:.1%} as the sensor turns. "
+            "That is more than the noise of a sensor: something magnetic moved, a current flowed, or the wrong "
             "columns were read."
         ),
         remedy=(
@@ -192,12 +196,12 @@ ROWS: Final = (
         ),
         rule=Rule("unobserved", (Grade("limits", 0.0),)),
         said=(
-            "the readings do not determine {unobserved:.0f} of nine parameters{rings}, and the prior is used: turn "
-            "the sensor about all three of its axes"
+            "the readings do not determine {unobserved:.0f} of nine parameters{rings}, and the prior determines the "
+            "rest: turn the sensor about all three of its axes"
         ),
         plain=(
-            "The sensor was turned in too few ways. For {number:.0f} of the 9 numbers of the correction the "
-            "recording tells nothing, and the most likely value was taken."
+            "The sensor was turned through too few directions. The recording does not determine {number:.0f} of the 9 "
+            "numbers of the correction, and the most likely value was taken."
         ),
         remedy="Turn the sensor about all three of its axes.",
     ),
@@ -208,8 +212,8 @@ ROWS: Final = (
         fleet_action="turn the sensor through more directions, or trust that soft iron is mild",
         rule=Rule("prior_share", (Grade("limits", 0.1),)),
         said=(
-            "the prior that soft iron is mild has a share of {prior_share:.0%} in the least known parameter of the "
-            "shape: {movement}"
+            "the least known parameter of the shape comes to {prior_share:.0%} from the prior that soft iron is mild: "
+            "{movement}"
         ),
         plain=(
             "One of the 9 numbers of the correction comes to {number:.0%} from the assumption that soft iron is mild, "
@@ -265,8 +269,8 @@ ROWS: Final = (
             ),
         ),
         fault=(
-            "noise lasts for more than a third of the recording (probability {noise_lasts:.0%}), so that its size, and "
-            "the heading error, are known from one or two swings only"
+            "the noise is correlated over more than a third of the recording (probability {noise_lasts:.0%}); its size "
+            "and the heading error are therefore known from one or two fluctuations only"
         ),
         said="record for longer, turning all the time",
         plain="The noise is so slow that the recording shows little of it: the errors given here may be too small.",

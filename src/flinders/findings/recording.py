@@ -73,7 +73,7 @@ ROWS: Final = (
         rule=Rule("step", (Grade("note", 0.0),)),
         said=(
             "readings go in coarse steps of {step}, which the heading error allows for; a smaller range of the "
-            "sensor, or a file with more digits, has finer ones"
+            "sensor, or a file with more digits, gives finer steps"
         ),
         plain="The sensor is read in coarse steps. The errors given here allow for it.",
     ),
@@ -87,8 +87,8 @@ ROWS: Final = (
             "steps, or copied rows): the uncertainty counts them once"
         ),
         plain=(
-            "Of the readings, {number:.0%} only repeat another one, because the log is faster than the sensor, its "
-            "steps are coarse, or rows were copied. They count once."
+            "{number:.0%} of the readings repeat another reading exactly: the log is faster than the sensor, the "
+            "steps of the sensor are coarse, or rows were copied. Such readings count once."
         ),
     ),
     CatalogueRow(
@@ -98,11 +98,11 @@ ROWS: Final = (
         rule=Rule("at_rest_share", (Grade("note", 0.1),), needs=(Needs("repeated_share", "<", 0.1),)),
         said=(
             "{at_rest_share:.0%} of the readings were made at rest ({rests}): rests {rests_treated}, since the "
-            "field may differ there"
+            "field at rest may differ from the field of the turn"
         ),
         plain=(
-            "While {number:.0%} of the readings were made, the sensor lay still. However long, a rest counts as one "
-            "reading at most."
+            "The sensor lay still during {number:.0%} of the readings. A rest counts as one reading at most, however "
+            "long it lasts."
         ),
     ),
     CatalogueRow(
@@ -111,12 +111,12 @@ ROWS: Final = (
         action="keep the rows in the order of recording, with their times, or record again",
         rule=Rule("path_correlation", (Grade("note", 0.3),), comparison="<", needs=(Needs("distinct", ">=", 100.0),)),
         said=(
-            "the readings follow no path, as where rows were sorted or shuffled: slow noise cannot be seen, and is not "
+            "the readings follow no path, as if rows were sorted or shuffled: slow noise cannot be seen, and is not "
             "in the heading error; keep the order of recording"
         ),
         plain=(
-            "The readings are in no order of time, so that errors which change slowly cannot be seen. The errors given "
-            "here do not allow for them."
+            "The readings are not in the order of time, so that slow changes of their error cannot be seen. The errors "
+            "given here do not allow for slow changes."
         ),
         remedy="Keep the readings in the order in which they were recorded.",
     ),

@@ -18,6 +18,7 @@ class Refusal(NamedTuple):
     action: str  # action if many units have it
     plain: str = ""  # meaning without mathematics; empty for errors of files and options
     remedy: str = ""  # remedy
+    meaning: str = ""  # meaning of an error of files, options or outputs, which has no plain words
 
 
 REFUSALS: Final[dict[str, Refusal]] = {
@@ -43,7 +44,7 @@ REFUSALS: Final[dict[str, Refusal]] = {
     ),
     "follows-attitude": Refusal(
         "change the quantity of the column in each attitude, or leave the column out",
-        "One of the columns that the compass was to follow changes only with its attitude.",
+        "One of the columns that were named changes only with the attitude of the compass.",
         "Change that quantity in each position, not in step with the turning, or leave that column out.",
     ),
     "out-of-scale": Refusal(
@@ -83,19 +84,119 @@ REFUSALS: Final[dict[str, Refusal]] = {
         "The chosen method finds no correction near these readings.",
         "Use another method, or turn the sensor onto all of its sides.",
     ),
-    "refused": Refusal("record again, and turn the sensor as the message says"),
-    "unreadable": Refusal("check whether the file is whole, and of a kind that is read"),
-    "document": Refusal("check whether the file is whole"),
-    "no-magnetometer": Refusal("name the columns of the magnetometer"),
-    "no-unit": Refusal("name the unit of each reading in the table"),
-    "unit": Refusal("give all files of a unit in one unit of field"),
-    "axes": Refusal("check how the axes are mapped"),
-    "usage": Refusal("check the options for reading files"),
-    "foreign-axes": Refusal("check which sensor the columns belong to"),
-    "missing-extra": Refusal("install what the message names"),
-    "changed-file": Refusal("give the new recording a name of its own: the row is of what the file was"),
-    "vanished-file": Refusal("look where the file went: its calibration stays"),
-    "lost-worker": Refusal("fit it by itself with flinders calibrate, and look at the memory of the machine"),
-    "internal": Refusal("report it: this is a fault in Flinders"),
+    "refused": Refusal(
+        "record again, and turn the sensor as the message says",
+        meaning="The recording was fitted, but the verdict on the fit is refused: it is not fit for use.",
+    ),
+    "unreadable": Refusal(
+        "check whether the file is whole, and of a kind that is read",
+        meaning="A file cannot be opened, or its content cannot be read.",
+    ),
+    "document": Refusal(
+        "check whether the file is whole", meaning="A file is not a valid calibration file of the expected kind."
+    ),
+    "no-magnetometer": Refusal(
+        "name the columns of the magnetometer",
+        meaning="The recording can be read, but no magnetometer was recognised in it.",
+    ),
+    "no-accelerometer": Refusal(
+        "name the columns of the accelerometer",
+        meaning=(
+            "The recording can be read, but no accelerometer was recognised in it. The correction of tilt needs one."
+        ),
+    ),
+    "no-onboard": Refusal(
+        "give a log that contains the calibration on board, or give the calibration as a file",
+        meaning="The log does not contain the calibration that was in force on board.",
+    ),
+    "no-unit": Refusal(
+        "name the unit of each reading in the table",
+        meaning="Some readings of a fleet's table name no unit, so that they belong to no sensor.",
+    ),
+    "unit": Refusal(
+        "give all files of a unit in one unit of field",
+        meaning="A unit of the field is not known, or two units contradict each other.",
+    ),
+    "axes": Refusal(
+        "check how the axes are mapped",
+        meaning="An axes mapping does not name x, y and z once each, or it contradicts the axes of another file.",
+    ),
+    "usage": Refusal("check the options that the message names", meaning="An option or an argument cannot be used."),
+    "unknown-parameter": Refusal(
+        "check the spelling of the keyword", meaning="A function of Python was given a keyword that it does not have."
+    ),
+    "input": Refusal("check what the message names", meaning="An input cannot be used."),
+    "array": Refusal(
+        "check the shape of the array, and leave out rows that are not finite",
+        meaning="An array has the wrong shape or kind, or values that are not finite.",
+    ),
+    "foreign-axes": Refusal(
+        "check which sensor the columns belong to", meaning="Accelerometer and magnetometer have different axes."
+    ),
+    "missing-extra": Refusal(
+        "install what the message names", meaning="A format or a port needs an optional package that is not installed."
+    ),
+    "link": Refusal(
+        "check the cable, the name of the port or the address, and that the device is on",
+        meaning="A port, a sensor or a vehicle does not exist, does not answer, or was disconnected.",
+    ),
+    "fit": Refusal("record again as the message says", meaning="The recording gives no calibration."),
+    "not-validated": Refusal(
+        "choose a method that does not need all readings, or record for longer",
+        meaning="The method cannot be cross-validated on this recording.",
+    ),
+    "no-calibration": Refusal(
+        "choose another unit or date", meaning="The table of the fleet has no calibration of this unit at that date."
+    ),
+    "needs-samples": Refusal(
+        "give the readings, or choose a method that needs only their sums",
+        meaning="The method needs each reading, and only sums of the readings were given.",
+    ),
+    "needs-recording": Refusal(
+        "give the recording too", meaning="A calibration file contains no readings, and the operation needs readings."
+    ),
+    "not-merged": Refusal(
+        "merge only calibrations that were made in the same state of the vehicle",
+        meaning="The calibrations contradict each other, and were not merged.",
+    ),
+    "not-exportable": Refusal(
+        "choose another target, or calibrate as the message says",
+        meaning="The target cannot store this calibration without a loss.",
+    ),
+    "not-sent": Refusal(
+        "do what the message says, and send again",
+        meaning="The vehicle must not receive these values now. Nothing was changed on it.",
+    ),
+    "not-confirmed": Refusal(
+        "check the values that the message states, and send again",
+        meaning="Values were sent, and the receiver did not confirm them.",
+    ),
+    "output": Refusal("check the place that the message names", meaning="A result cannot be written."),
+    "output-exists": Refusal(
+        "give another name, or overwrite the file",
+        meaning="A file with this name exists and would be overwritten.",
+    ),
+    "changed-file": Refusal(
+        "give the new recording a name of its own: the row is of what the file was",
+        meaning="A file of the fleet changed after its calibration. The row is that of the earlier content.",
+    ),
+    "vanished-file": Refusal(
+        "look where the file went: its calibration stays", meaning="A file of the fleet is missing now."
+    ),
+    "lost-worker": Refusal(
+        "fit it by itself with flinders calibrate, and look at the memory of the machine",
+        meaning="Each process that read this file of the fleet ended unexpectedly.",
+    ),
+    "plugin": Refusal(
+        "update the package that the message names, or uninstall it",
+        meaning="An installed package that adds readers or targets to Flinders is broken.",
+    ),
+    "no-engine": Refusal(
+        "install what the message names",
+        meaning="The engine of Flinders is not compiled for this machine, and cannot be compiled here.",
+    ),
+    "internal": Refusal(
+        "report it: this is a fault in Flinders", meaning="Flinders itself failed, whatever the recording."
+    ),
 }
 """Refusals by the code of the error."""

@@ -98,12 +98,12 @@ def explains(
     """Share of the residuals that a log column explains, with its uncertainty; empty for other disturbances.
 
     >>> explains("wheel_rpm", "µT", 2.14, 0.012, 0.934, 0.0052)
-    '; it explains 93.40 ± 0.52% of the scatter without it, 2.140 ± 0.012 µT rms'
+    '; the column explains 93.40 ± 0.52% of the scatter, or 2.140 ± 0.012 µT rms'
     """
     if not is_column(name) or math.isnan(explained):
         return ""
     share = uncertain(100.0 * explained_share, 100.0 * explained_share_sigma)
-    return f"; it explains {share}% of the scatter without it, {uncertain(explained, explained_sigma)} {unit} rms"
+    return f"; the column explains {share}% of the scatter, or {uncertain(explained, explained_sigma)} {unit} rms"
 
 
 def uncertain(value: float, sigma: float) -> str:
@@ -141,7 +141,7 @@ def without(noise_uncompensated: float, noise: float) -> str:
 def other_column(name: str) -> str:
     """Better column than a throttle."""
     is_throttle = kind_and_motor(name)[0] == "throttle"
-    return "record the current instead, which the field follows, or " if is_throttle else ""
+    return "record the current instead, to which the field is proportional, or " if is_throttle else ""
 
 
 def out_of_range(name: str, lowest: float, highest: float) -> str:
@@ -149,13 +149,13 @@ def out_of_range(name: str, lowest: float, highest: float) -> str:
     kind, far = kind_of(name), max(lowest, highest, key=abs)
     if not kind.plausible[0] <= far <= kind.plausible[1]:
         return (
-            f"{name} was recorded at up to {far:.3g}{kind.unit}: it is in another unit than "
-            f"{kind.per}; convert the column, otherwise exported values are wrong by this factor"
+            f"values of {name} go up to {far:.3g}{kind.unit}: the column is in another unit than {kind.per}. Convert "
+            "the column; otherwise exported values are wrong by the ratio of the units"
         )
     return (
         f"{name} was recorded from {lowest:.3g} to "
-        f"{highest:.3g}{kind.unit}: a drawn current is negative there, "
-        "and positive for autopilots; change the sign of the column"
+        f"{highest:.3g}{kind.unit}: a drawn current is negative in this recording, but positive for autopilots. Change "
+        "the sign of the column"
     )
 
 
@@ -182,21 +182,21 @@ def amount(scale_error: float) -> str:
 def why_disagree(aid: str) -> str:
     """Reason why an aid contradicts a gyro."""
     if aid == "dip":
-        return "it leans, as an accelerometer does in steady turns"
-    return "it lags, or is that of another body"
+        return "the vertical leans, as an accelerometer does in steady turns"
+    return "the attitude lags, or is that of another body"
 
 
 def why_astray(aid: str) -> str:
     """Reason why a vertical or an attitude contradicts the readings."""
     if aid == "dip":
-        return "the body was accelerated all the time, or the accelerometer is that of another"
+        return "the body was accelerated all the time, or the accelerometer is on another body"
     return "its quaternions turn from world to body or have w last, its times are wrong, or it is another body's"
 
 
 def what_is_empty(aid: str) -> str:
     """Quantity that an aid needs in the readings."""
     if aid == "rate":
-        return "a rate, and a time that goes on from one to the next"
+        return "a rate and an ascending time"
     return "an acceleration" if aid == "dip" else "an attitude"
 
 
@@ -210,36 +210,36 @@ def how_it_sits(aid: str, axes: str, seat: str) -> str:
     what, other = instrument(aid), instrument("dip" if aid == "rate" else "rate")
     if seat == "mirrored":
         return (
-            f"as a mirror image, {axes} of the magnetometer's axes: one of them has a wrong sign, correct the sign "
-            f"where it is recorded; the {what} was not used"
+            f"as a mirror image, {axes}, of the magnetometer's axes; the {what} was not used. One axis has the wrong "
+            "sign: correct the sign where that axis is recorded"
         )
     if seat == "contradicted":
         return (
-            f"with the magnetometer's axes turned by {axes}, and the {other} does not: the {what} sits "
-            f"differently from the two, rotate its columns; the {what} was not used"
+            f"with the magnetometer's axes mapped by {axes}, but the {other} does not; the {what} was not used. The "
+            f"{what} is oriented differently from the magnetometer and the {other}: rotate the columns of the {what}"
         )
     if seat == "unclear":
         return (
-            f"with the magnetometer's axes turned, such as by {axes}, with too little motion to determine how: rotate "
-            f"the {what}'s columns into the magnetometer's axes; the {what} was not used"
+            f"with the magnetometer's axes rotated, such as by {axes}; the {what} was not used. The motion does not "
+            f"determine the rotation: rotate the columns of the {what} into the magnetometer's axes"
         )
     if seat == "half-turned":
         mended = Axes.of(axes).opposite
         return (
-            f"with the magnetometer's axes turned by {axes}, or with the sign of its {mended.mirrored_axis} changed, "
-            f"{mended}: the sign of the dip decides, so state where it was recorded. The correction turns readings "
-            f"by {axes}"
+            f"with the magnetometer's axes mapped by {axes}, or by {mended}, which changes the sign of "
+            f"{mended.mirrored_axis}. The sign of the dip decides between the two: give the place of the recording. "
+            f"The correction maps readings by {axes}"
         )
     return (
-        f"with the magnetometer's axes turned by {axes}: their orientations differ, and the correction turns "
-        f"readings into the {what}'s axes"
+        f"with the magnetometer's axes mapped by {axes}: the two are oriented differently, and the correction rotates "
+        f"readings into the axes of the {what}"
     )
 
 
 SITE_FAULTS: Final = {
-    "reversed": "the vertical seems to be upside down, as an accelerometer that lies level reads −g on z",
+    "reversed": "the vertical seems to be upside down (level and at rest, an accelerometer reads −g on z)",
     "turned": (
-        "the vertical is upside down, as an accelerometer that lies level reads −g on z, or an axis of the "
+        "the vertical is upside down (level and at rest, an accelerometer reads −g on z), or an axis of the "
         "magnetometer has the wrong sign"
     ),
     "elsewhere": "check place and date, and whether iron was near",
@@ -273,9 +273,9 @@ def does_not_rest(is_alone: float) -> str:
 def disagreement(apart_deg: float, apart_share: float, deviation_spans: Sequence[Row], deviation_count: float) -> str:
     """Difference between two sensors, for a share of the time; all the time if the share is NaN."""
     if math.isnan(apart_share):
-        return f"even averaged over a second the two are {figures(apart_deg)}° of heading apart all the time (1 σ)"
+        return f"averaged over a second, the two still differ by {figures(apart_deg)}° of heading all the time (1 σ)"
     return (
-        f"magnetometers disagree by up to {figures(apart_deg)}° of heading, for {apart_share:.0%} of the time "
+        f"magnetometers differ by up to {figures(apart_deg)}° of heading, for {apart_share:.0%} of the time "
         f"({spans(deviation_spans, deviation_count)})"
     )
 
@@ -312,9 +312,9 @@ def why_alone(together_deg: float, alone_deg: float) -> str:
             "is fitted by itself: turn the body about all its axes"
         )
     return (
-        f"with the others its worst heading error would be {figures(together_deg)}°, and by itself it is "
-        f"{figures(alone_deg)}°: it is fitted by itself, in its own axes. Check the other sensors and "
-        "their clocks"
+        f"the worst heading error of this sensor is {figures(alone_deg)}° fitted by itself, and "
+        f"{figures(together_deg)}° fitted with the others. It is therefore fitted by itself, in its own axes: check "
+        "the other sensors and their clocks"
     )
 
 

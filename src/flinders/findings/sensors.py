@@ -26,12 +26,13 @@ ROWS: Final = (
             limit=Limit(1.0, "target_deg"),
         ),
         said=(
-            "it deviates from the others, by up to {departs_deg}° of heading, for {departs_share:.0%} of the time "
-            "({when}), while {why_deviates}: something magnetic was near it then, or a current flowed{does_not_rest}"
+            "it deviates from the other magnetometers by up to {departs_deg}° of heading, for {departs_share:.0%} of "
+            "the time ({when}). At these times {why_deviates}: something magnetic was near this sensor, or a current "
+            "flowed{does_not_rest}"
         ),
         plain=(
-            "For a while the compass was up to {angle} of heading off the others of its vehicle: something "
-            "magnetic was near it, or a current flowed. The correction does not rest on that."
+            "For a while this compass deviated from the others of the vehicle by up to {angle} of heading: something "
+            "magnetic was near it, or a current flowed. The correction does not use the readings of that time."
         ),
         remedy="Find out what happened then, or steer by another compass.",
     ),
@@ -46,24 +47,27 @@ ROWS: Final = (
             needs=(Needs("scatter_deg", ">", 3.0, "best_other_deg"),),
         ),
         said=(
-            "even averaged over a second its readings are off by {scatter_deg}° of heading all the time (1 σ), "
-            "those of the best other by {best_other_deg}°: something near it changes, such as a current; steer by"
-            " the other, or see whether it follows a current that was recorded"
+            "averaged over a second, its readings still deviate by {scatter_deg}° of heading all the time (1 σ), and "
+            "those of the best other sensor by {best_other_deg}°. Something near this sensor keeps changing, such as "
+            "a current. Steer by the other sensor, or calibrate this one with a current that was recorded"
         ),
         hint={"disturbances": ["current"]},
         plain=(
-            "The compass is {angle} of heading off the others of its vehicle all the time: something near it "
-            "keeps changing, such as a current."
+            "This compass deviates from the others of the vehicle by {angle} of heading all the time: something near "
+            "it keeps changing, such as a current."
         ),
-        remedy="Steer by another compass, or see whether a correction that follows the current helps.",
+        remedy="Steer by another compass, or see whether a calibration with the recorded current helps.",
     ),
     CatalogueRow(
         code="disagree",
         number="heading difference between sensors of one body for a while, or between two all the time (1 σ), degrees",
         action="neither a majority nor a length tells which is off: compare with a known bearing, or fit a third",
         rule=Rule("apart_deg", (Grade("limits", 0.0),), limit=Limit(1.0, "target_deg")),
-        said="{disagreement}, and it is unclear which of them is off: no length and no majority decides{each_alone}",
-        plain="Compasses of the vehicle were {angle} of heading apart, and it is unclear which of them was off.",
+        said=(
+            "{disagreement}. It is unclear which of them is off: neither the lengths of readings nor a majority of "
+            "sensors decides{each_alone}"
+        ),
+        plain="Compasses of the vehicle differed by {angle} of heading, and it is unclear which of them was off.",
         remedy="Compare them with a known bearing, or fit a third.",
     ),
     CatalogueRow(
@@ -74,11 +78,11 @@ ROWS: Final = (
         action="look at how the columns were written: it is no second sensor",
         rule=Rule("is_copy", (Grade("limits", 0.0),), limit=Limit(0.1)),
         said=(
-            "its readings are those of {other}, turned and scaled: it is no independent sensor, and was fitted by "
-            "itself; look at how the columns were written"
+            "its readings are those of {other}, rotated and scaled: it is no independent sensor, and was fitted by "
+            "itself. Check how the columns were written"
         ),
-        plain="The readings are those of another sensor, turned and scaled. It is no second compass.",
-        remedy="Look at how the columns of the recording were written.",
+        plain="The readings are those of another sensor, rotated and scaled. This is no second compass.",
+        remedy="Check how the columns of the recording were written.",
     ),
     CatalogueRow(
         code="mirrored-sensor",
@@ -104,10 +108,10 @@ ROWS: Final = (
         action="nothing; corrected readings of all are in those axes",
         rule=Rule("is_turned", (Grade("note", 0.0),), number="rotation_sigma_deg", limit=Limit(0.0)),
         said=(
-            "rotated into the axes of {reference}: mapped by {axes}, with a misalignment of {misalignment_deg}°, known "
-            "to {rotation_sigma_deg}° (1 σ){in_the_vehicle}"
+            "corrected readings are rotated into the axes of {reference}: mapped by {axes}, with a misalignment of "
+            "{misalignment_deg}° ± {rotation_sigma_deg}° (1 σ){in_the_vehicle}"
         ),
-        plain="Corrected readings are in the axes of another sensor of the vehicle, but for an uncertainty of {angle}.",
+        plain="Corrected readings are in the axes of another sensor of the vehicle, with an uncertainty of {angle}.",
     ),
     CatalogueRow(
         code="unlike-units",
@@ -128,8 +132,8 @@ ROWS: Final = (
         action="nothing; the delay was removed to compare them",
         rule=Rule("is_delayed", (Grade("note", 0.0),), number="delay_s", limit=Limit(0.0)),
         said=(
-            "its clock is {delay_ms:.0f} ms {behind} that of {reference} (± {delay_sigma_ms:.0f} ms), which was "
-            "removed to compare them"
+            "its clock is {delay_ms:.0f} ms {behind} that of {reference} (± {delay_sigma_ms:.0f} ms); the difference "
+            "was removed for the comparison"
         ),
         plain="The clocks of this sensor and of another one differ by {seconds} s. The difference was removed.",
     ),
@@ -144,7 +148,8 @@ ROWS: Final = (
         rule=Rule("is_alone", (Grade("note", 0.0),), number="together_deg", limit=Limit(1.5, "alone_deg")),
         said="{why_alone}",
         plain=(
-            "The sensor was corrected by itself: together with the others of the vehicle it would be known no better."
+            "The sensor was calibrated by itself. A calibration together with the others of the vehicle would not be "
+            "more accurate."
         ),
         remedy="Turn the vehicle about all of its axes, with all sensors running, and see whether their clocks agree.",
     ),

@@ -29,7 +29,7 @@ ROWS: Final = (
         ),
         fault="{contradiction}",
         said="{after_contradiction}",
-        plain="One recording is {angle} of heading off the others.",
+        plain="One recording differs from the others by {angle} of heading.",
         remedy=(
             "Find out what changed from one recording to the next, and use those made in the state in which the "
             "compass will be used."
@@ -79,7 +79,7 @@ ROWS: Final = (
         rule=Rule("swap_gain", (Grade("limits", 1.1),)),
         fault="from reading {swap}",
         said=(
-            "with that corrected, the readings lie {swap_gain} times closer to an ellipsoid; find out what the driver "
+            "with this corrected, the readings lie {swap_gain} times closer to an ellipsoid; find out what the driver "
             "did at that reading, and record again"
         ),
         plain="While this was recorded, an axis changed its sign, or two axes changed places.",
@@ -98,7 +98,7 @@ ROWS: Final = (
             "readings follow the {unmodelled} that was recorded with them, by up to {unmodelled_deg}° of heading, "
             "which is not in the heading error"
         ),
-        said="record without it, or let the calibration follow the {unmodelled}",
+        said="record without the {unmodelled}, or let the calibration correct for the {unmodelled}",
         hint={"disturbances": None},
         plain=(
             "A recorded disturbance, such as the current of a motor, moves the compass by up to {angle} of heading. "
@@ -117,8 +117,8 @@ ROWS: Final = (
         ),
         rule=Rule("attitude_dependent_deg", (Grade("limits", 0.5, "target_deg"),)),
         fault=(
-            "readings are disturbed in step with the attitude, by {attitude_dependent_deg}° of heading, and by a part "
-            "that offset and soft iron absorb"
+            "a disturbance depends on the attitude: it changes headings by {attitude_dependent_deg}°, and has a "
+            "further part that offset and soft iron absorb"
         ),
         said=(
             "a current follows the attitude, a magnetic part is loose, or iron is close; fasten the part, record "
@@ -126,8 +126,8 @@ ROWS: Final = (
         ),
         hint={"disturbances": None},
         plain=(
-            "The compass is disturbed in step with how it is tilted, by {angle} of heading or more: by a current, by a"
-            " magnetic part that moves, or by iron close by."
+            "A disturbance of the compass depends on its tilt, and changes headings by {angle} or more: a current, a "
+            "magnetic part that moves, or iron close by."
         ),
         remedy="Switch the load off or record its current, fasten what is loose, and record again away from iron.",
         alarm=True,
@@ -143,13 +143,14 @@ ROWS: Final = (
         action="calibrate `--with dip`, which finds bias and gains of the accelerometer, or calibrate that one",
         rule=Rule("tilt_error_deg", (Grade("limits", 1.0, "target_deg"),)),
         said=(
-            "the vertical of the accelerometer leans with the attitude, which adds {tilt_error_deg:.1f}° to a heading:"
-            " calibrate with the dip that it shows, which finds its bias, its gains and how it is turned against the"
-            " magnetometer"
+            "the error of the accelerometer's vertical changes with the attitude, and adds {tilt_error_deg:.1f}° to a "
+            "heading. Calibrate with the dip that the accelerometer shows: that finds its bias, its gains and its "
+            "orientation relative to the magnetometer"
         ),
         hint={"aiding": "dip"},
         plain=(
-            "The vertical of the accelerometer is wrong, which adds {angle} to a heading, however good the compass is."
+            "The vertical of the accelerometer is wrong. That adds {angle} to the error of a heading, even if the "
+            "compass is perfect."
         ),
         remedy="Calibrate with the accelerometer as well, so that its errors are found.",
     ),
@@ -173,14 +174,14 @@ ROWS: Final = (
         ),
         fault="axis {nonlinear_axis} is not linear",
         said=(
-            "it is off a straight line by {nonlinear_share:.1%} of the field, {nonlinear_deg}° of heading, which the "
-            "heading error allows for; check whether the sensor is near the end of its range, or near a magnet; for "
-            "C or Python code the axes can be linearized"
+            "it deviates from a straight line by {nonlinear_share:.1%} of the field, {nonlinear_deg}° of heading, "
+            "which the heading error allows for; check whether the sensor is near the end of its range, or near a "
+            "magnet; for C or Python code the axes can be linearized"
         ),
         hint={"linearize": True},
         plain=(
-            "An axis of the sensor is not linear, which an offset and a matrix cannot correct and which costs {angle} "
-            "of heading. The errors given here allow for it."
+            "An axis of the sensor is not linear: this changes headings by {angle}, which an offset and a matrix "
+            "cannot correct. The errors given here allow for it."
         ),
         remedy=(
             "Move the sensor away from magnets, so that it works in the middle of its range, or linearize its axes "
@@ -225,8 +226,8 @@ ROWS: Final = (
             "block data update), or turn the sensor more slowly"
         ),
         plain=(
-            "The axes of the sensor are not read at the same moment, which spoils a calibration of a sensor that is "
-            "turned quickly: {angle} of heading. The errors given here allow for it."
+            "The axes of the sensor are not read at the same moment: in a quick turn this changes headings by "
+            "{angle}. The errors given here allow for it."
         ),
         remedy="Read all axes at once, or turn the sensor more slowly.",
         alarm=True,

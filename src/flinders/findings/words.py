@@ -38,12 +38,12 @@ MAX_SKIPPED_SHARE: Final = 0.1
 """Largest share of rows without a reading that does not limit a fit."""
 
 Z_NOT_DOWN: Final = (
-    "; an accelerometer shows that z does not point down, so that the dip of the site was left out: map the axes so "
-    "that it does"
+    "; an accelerometer shows that z does not point down, so that the dip of the site was not used: map the axes so "
+    "that z points down"
 )
 Z_UNKNOWN: Final = (
-    "; nothing shows whether z points down or up, so that its offset is open by twice the field along it: record an "
-    "accelerometer as well, or state axes with z down"
+    "; nothing shows whether z points down or up, so that the offset of z is uncertain by twice the field along z: "
+    "record an accelerometer as well, or state axes with z down"
 )
 
 SHOT_ADVICE: Final = (
@@ -57,9 +57,9 @@ STEPS: Final = {
     "record-longer": "record for longer while turning through all directions, away from iron and currents",
     "hold": "hold the sensor {} and turn it slowly once around, keeping it so",
     "as-above": "do as above",
-    "use-ellipse": "the points are not equally spaced in heading, use the method 'ellipse'",
-    "use-auto": "the method's model does not fit this sensor, use 'auto'",
-    "use-own-state": "the recordings contradict each other, use those made in the state of use",
+    "use-ellipse": "the points are not equally spaced in heading; use the method 'ellipse'",
+    "use-auto": "the method's model does not fit this sensor; use 'auto'",
+    "use-own-state": "the recordings contradict each other; use those made in the state of use",
     "merge-others": "merge calibrations that were made in the state of use, of sensors turned through all directions",
     "add-poses": "add poses at other headings, or turn the vehicle",
 }
@@ -168,7 +168,7 @@ def plane_axes(plane: str) -> str:
 
 def where_placed(plane: Plane, is_placed: float) -> str:
     """Whether the offset across the plane of a turn is known."""
-    return f"and in {turn_axis(plane)} by the site's field" if is_placed else "only"
+    return f"and, with the field of the site, {turn_axis(plane)}" if is_placed else "only"
 
 
 def assumed(plane: Plane, is_placed: float, z_down: float) -> str:
@@ -197,7 +197,7 @@ def leave(is_better: float, is_covered: float) -> str:
 def why_biased(plane: str) -> str:
     """Reason why a method deviates from the likelihood."""
     if plane:
-        return "the points are not equally spaced in heading, or some do not belong; use 'ellipse'"
+        return "the points are not equally spaced in heading, or some are outliers; use 'ellipse'"
     return "its model is too simple for this sensor, or its equation is biased by noise; use 'auto'"
 
 
@@ -251,8 +251,8 @@ def halves(halves_ratio: float, drift_deg: float, drift_allowed_deg: float, targ
 def swap(swapped_axes: str, swap_row: float, swap_count: float) -> str:
     """Axes that changed sign or place, with the reading and the count."""
     first, second = swapped_axes[0], swapped_axes[-1]
-    what = f"the sign of {first} turned" if len(swapped_axes) == 1 else f"{first} and {second} changed places"
-    again = f" and back and forth, {count_text(swap_count - 1.0, 'time')} more" if swap_count > 1.0 else ""
+    what = f"the sign of {first} changed" if len(swapped_axes) == 1 else f"{first} and {second} changed places"
+    again = f", and again {count_text(swap_count - 1.0, 'time')}" if swap_count > 1.0 else ""
     return f"{swap_row:,.0f} on, {what}{again}"
 
 
@@ -356,8 +356,8 @@ def turned_short(shortfall: float, unturned_deg: float, unit: str) -> str:
     if not shortfall:
         return ""
     return (
-        f"; were the axes alike and the shorter ones only not turned to their ends, the offset would be off by up to "
-        f"{figures(shortfall)} {unit} and a level heading by {figures(unturned_deg)}°"
+        f". If the half-ranges differ only because the turn was incomplete, the offset is off by up to "
+        f"{figures(shortfall)} {unit} and a level heading by up to {figures(unturned_deg)}°"
     )
 
 
@@ -371,16 +371,17 @@ def composition(planes: Sequence[str], rotation_left_deg: float) -> str:
     missing = [] if "" in planes else [plane for plane in ("xy", "yz", "zx") if plane not in planes]
     open_still = f"; not turned yet in {' and '.join(missing)}" if missing else ""
     if not {"xy", ""} & set(planes):
-        return f" of which none is in xy: nothing is claimed of a level heading{open_still}"
+        return f", none of them in xy: no error is claimed for a level heading{open_still}"
     level = (
-        "a level heading rests on the last turn, and has nothing of it"
+        "it does not affect a level heading, which the last turn determines"
         if planes[-1] == "xy"
-        else f"{figures(rotation_left_deg)}° of a level heading, which its error allows for; a turn in xy at the end "
-        "takes that off"
+        else f"it changes a level heading by up to {figures(rotation_left_deg)}°, which the heading error "
+        "includes; a last turn in xy removes it"
     )
     return (
-        f"{open_still}. A rotation of second order in the soft iron stays, which no turn sees: {level}. Nothing is "
-        "claimed of other attitudes; what was recorded unloaded, flinders calibrate fits together"
+        f"{open_still}. The turns leave one rotation undetermined, of second order in the soft iron: {level}. No error "
+        "is claimed for other attitudes. Turns that were recorded without a calibration can be fitted together with "
+        "flinders calibrate"
     )
 
 
@@ -403,11 +404,11 @@ def filter_effect(
     if is_to_blame:
         return f"{moved}; without the filter the verdict is {unfiltered}: leave --filter out, or turn more slowly"
     if moved_deg <= claimed_deg:
-        return f"{moved}, within what is claimed"
+        return f"{moved}, less than the heading error that is claimed"
     return (
-        f"{moved}, more than the {figures(claimed_deg)}° that are claimed. A filter takes spikes off, and pulls the "
-        "readings of a turning sensor inside the ellipsoid: turn more slowly, or use 'auto' without --filter, which "
-        "leaves spikes out by itself"
+        f"{moved}, more than the claimed error of {figures(claimed_deg)}°. A filter removes spikes, but pulls the "
+        "readings of a turning sensor inside the ellipsoid: turn more slowly, or leave --filter out and use 'auto', "
+        "which rejects spikes"
     )
 
 

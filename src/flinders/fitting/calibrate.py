@@ -302,8 +302,8 @@ def _linearize(plain: Estimated, estimator: Estimator, request: Request, unit: U
     """
     if request.site is not None or plain.readings.parts or plain.readings.recording is None:
         raise UsageError(
-            "axes are linearized from one recording in memory and without a known field; found several recordings, "
-            "sums or a site (a log may state one): calibrate recordings one by one, and leave the site out",
+            "linearized axes need one recording in memory and no known field. Found several recordings, sums of "
+            "readings or a site, which a log may state: calibrate the recordings one by one, and leave the site out",
             hint={"linearize": True},
         )
     curved, lag = faults_of_axes(plain.estimate, plain)

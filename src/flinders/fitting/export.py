@@ -105,7 +105,8 @@ def _refuse_left_handed(fit: Fit, target: Target) -> None:
     for finding in fit.findings:
         if finding.code == "mirrored-axis":
             raise NotExportable(
-                f"{target.title} needs the mounting of the sensor, and the mounting found is wrong: {finding.advice}",
+                f"{target.title} needs the mounting of the sensor, and the fit found a wrong mounting: "
+                f"{finding.advice}",
                 hint={"axes": None},
                 beyond=("rotation",),
             )
@@ -189,8 +190,8 @@ def only_number(fit: Fit, known: set[int], what: str, keyword: str) -> int | Non
     """
     if len(known) > 1:
         raise UsageError(
-            f"{fit.provenance.name} was made from {what} {' and '.join(map(str, sorted(known)))}: state which one "
-            "it is for, or calibrate each separately",
+            f"{fit.provenance.name} was made from {what} {' and '.join(map(str, sorted(known)))}: choose one of them, "
+            "or calibrate each separately",
             hint={keyword: None},
         )
     return min(known, default=None)
@@ -214,9 +215,9 @@ def refuse_on_top(fit: Fit, autopilot: str) -> None:
     logged = [file.name for file in fit.provenance.files if file.as_logged]
     if logged:
         raise NotExportable(
-            f"{fit.provenance.name} was made from {logged[0]} as logged, after the calibration that was in force on "
-            f"board: its numbers only add to that calibration, but {autopilot} would replace it by them. Calibrate "
-            "again without the option for readings as logged",
+            f"{fit.provenance.name} was made from {logged[0]} with the readings as logged, which the calibration on "
+            f"board had already corrected. Its numbers add to that calibration, but {autopilot} would replace that "
+            "calibration by them. Calibrate again without the option for readings as logged",
             hint={"as_logged": None},
             beyond=(),
             as_logged=logged,

@@ -56,14 +56,15 @@ def inertial_of(fit: Fit, target: Target, sensors: Sequence[str]) -> Inertial:
         if getattr(found, name) is None:
             aid = {"accelerometer": "dip", "gyro": "rate"}[name]
             raise UsageError(
-                f"{fit.provenance.name} has no calibration of the {name}: calibrate with {aid}, or the accelerometer "
-                "alone with flinders accelerometer",
+                f"{fit.provenance.name} has no calibration of the {name}: calibrate the magnetometer with {aid}, or "
+                "the accelerometer alone with flinders accelerometer",
                 hint={"aiding": aid},
             )
     if any(file.autopilot == target.family for file in fit.provenance.files):
         raise NotExportable(
-            f"{fit.provenance.name} was made from accelerations and rates after the calibration of {target.title} on "
-            f"board: its numbers only add to that calibration, but {target.title} would replace it by them",
+            f"{fit.provenance.name} was made from accelerations and rates that {target.title} had already corrected. "
+            f"Its numbers add to the calibration on board, but {target.title} would replace that calibration by them: "
+            "record raw accelerations and rates",
             beyond=tuple(sensors),
         )
     accelerometer, gyro = (
@@ -122,8 +123,8 @@ def export_inertial(target: Target, inertial: Inertial, asked: Asked = FIRST_IMU
     form = form_of(target, ["accelerometer"] if inertial.accelerometer else ["gyro"])
     if not form.is_alone:
         raise UsageError(
-            f"a file of {target.title} also holds the magnetometer, whose calibration would be lost: calibrate with "
-            "dip, and export that calibration with its accelerometer",
+            f"a file of {target.title} also holds the calibration of the magnetometer, which would be lost: calibrate "
+            "the magnetometer with dip, and export that calibration with its accelerometer",
             hint={"aiding": "dip"},
         )
     made = write_inertial(form, inertial, who=target.title, asked=asked, lossy=lossy)

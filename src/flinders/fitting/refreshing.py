@@ -82,7 +82,7 @@ UNFIT_REASONS: Final = {
     "none": "there is no earlier calibration to renew: choose its file first",
     "refused": "{name} was refused when it was made: calibrate again, from a full tumble",
     "level": "{name} comes from a level turn, which does not give the soft iron: repeat the level turn and calibrate",
-    "disturbed": "{name} follows {disturbances}, a refreshed offset does not: calibrate again with {disturbances}",
+    "disturbed": "{name} depends on {disturbances}, a refreshed offset does not: calibrate again with {disturbances}",
     "linearized": "{name} linearizes its axes about its own offset: calibrate again, from a full tumble",
 }
 """Reasons why an earlier calibration cannot be renewed, in words, also for the live page."""

@@ -104,6 +104,7 @@ def estimator_of(method: str | Estimator, request: Request) -> Estimator:
     for name, known in of_site.items():
         if (own := getattr(given, name)) not in (known, options[name].default):
             raise UsageError(
-                f"method {given.name} has its own {name}, {own:g}: state it in the site", hint={"site": None}
+                f"{name} is given as {own:g} with the method {given.name}: give this value only with the site",
+                hint={"site": None},
             )
     return cast("Estimator", replace(given, **of_site) if of_site else given)

@@ -133,7 +133,7 @@ def send(
         except LinkError as error:  # a board that restarts is disconnected for a moment
             lost = error
     if lost is not None:
-        raise NotConfirmed(f"{lost}; the packet was being sent, so that {UNKNOWN_VALUES}: plug it in and send again")
+        raise NotConfirmed(f"{lost}. The packet was being sent: {UNKNOWN_VALUES}; plug the board in, and send again")
     raise NotConfirmed(f"sent {tries} times and not confirmed: {listener.complaint(expected)}")
 
 

@@ -336,7 +336,8 @@ class ResumedRecording:
         begun = START_LINE.search(head)
         if begun is None:
             raise OutputError(
-                f"{path} is no recording of flinders record (its first line is missing): give one, or another new file"
+                f"{path} is no recording of flinders record (its first line is missing): give such a recording, or a "
+                "new file"
             )
         whole = head.rpartition("\n")[0].splitlines()
         lines = [line for line in whole if line.strip() and not line.startswith("#")]

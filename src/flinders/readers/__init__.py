@@ -192,7 +192,7 @@ def _join_recordings(recordings: Sequence[FileRecording]) -> Recording:
         if other.unit != first.unit:
             raise UnitError(
                 f"{first.source} is in {first.unit.name} and {other.source} in {other.unit.name}: "
-                "recordings of one sensor need one unit; say which",
+                "recordings of one sensor need one unit: name the unit",
                 hint={"unit": None},
             )
     return Joined((first, *others)) if others else first
@@ -476,7 +476,9 @@ def _log_of(file: Source, reader: Reader, options: _Options) -> Log:
     assert reader.log is not None
     log: Log = reader.log(disk, **({"unit": options.unit} if reader.takes_unit else {}))
     if not log.instruments:
-        raise NoMagnetometer(f"{file.name} ({log.format}) holds no magnetometer: log it, and record again")
+        raise NoMagnetometer(
+            f"{file.name} ({log.format}) holds no magnetometer: log the magnetometer, and record again"
+        )
     beginning = np.nan if options.span.is_all else start_time_of(log)
     of_log: dict[str, Any] = {name: getattr(options, name) for name in ("axes", "as_logged", "span", "progress")}
     of_log |= {"beginning": beginning, "file": file, "temporary_files": (disk,)}
@@ -499,7 +501,7 @@ def _choose_instrument(log: Log, options: _Options) -> Instrument:
     """Select the magnetometer that was asked for, or the first, with a list of the others."""
     if options.choice.sensor is not None and options.topic is not None:
         raise UsageError(
-            "sensor and topic both say which magnetometer of a log it is: leave one of them out",
+            "sensor and topic both choose a magnetometer of the log: leave one of them out",
             hint={"sensor": None, "topic": None},
         )
     choice = options.choice if options.topic is None else Choice(options.topic)

@@ -60,7 +60,8 @@ def with_acceleration(asked: str, names: Sequence[str], columns: Columns, width:
     own = column_of(ACCELERATION, places_of_columns(asked, names, width), names)
     if taken := [name for name, cell in zip(own.names, own.cells, strict=True) if cell in columns.field.cells]:
         raise UsageError(
-            f"acceleration {asked!r}: {', '.join(taken)} is read as the magnetometer: name its three columns",
+            f"acceleration {asked!r}: {', '.join(taken)} is read as the magnetometer: also name the columns of the "
+            "magnetometer",
             hint={"columns": None},
         )
     others = tuple(column for column in columns.auxiliary if column.kind != ACCELERATION)
@@ -75,7 +76,8 @@ def with_strength(asked: str, names: Sequence[str], columns: Columns, width: int
     own = column_of(STRENGTH, [place], names)
     if place in columns.field.cells:
         raise UsageError(
-            f"scalar {asked!r}: {own.names[0]} is read as the vector magnetometer: name its three columns",
+            f"scalar {asked!r}: {own.names[0]} is read as the vector magnetometer: name the three columns of the "
+            "vector magnetometer",
             hint={"columns": None},
         )
     others = tuple(column for column in columns.auxiliary if column.kind != STRENGTH and place not in column.cells)

@@ -122,8 +122,8 @@ def _refuse_two(axes: Sequence[int], width: int, source: str, quoted: str) -> No
         others = ", ".join(str(place + 1) for place in range(width) if place not in axes)
         left = " and ".join(str(place + 1) for place in axes)
         raise NoMagnetometer(
-            f"columns {left} of {source}{quoted} may be axes, others only rise or never change ({others}): "
-            f"need three, x y z{remark('two columns')}"
+            f"only columns {left} of {source}{quoted} may be axes; others only rise or never change ({others}): "
+            f"need three columns, x, y and z{remark('two columns')}"
         )
 
 
@@ -165,10 +165,10 @@ def _keep_name(
         if wanted in (str(number), other.name.casefold()):
             if other.name == columns.name:
                 return columns
-            own = columns.name or "none of its magnetometers"
+            own = columns.name or "no single magnetometer"
             raise UsageError(
-                f"columns {asked!r} are {own} in {source}, and the name {choice.sensor!r} is of {other.name}: leave "
-                "one of them out, or name the sensor differently",
+                f"columns {asked!r} of {source} belong to {own}, and the sensor {choice.sensor!r} is {other.name}: "
+                "leave one of the two out, or give the columns another name",
                 hint={"columns": asked, "sensor": choice.sensor},
             )
     return replace(columns, name="")

@@ -284,7 +284,7 @@ def unit_of(columns: Columns, name: str, unit: str | None, scale: float | None) 
         if columns.stated and chosen.name != columns.unit:
             raise UnitError(
                 f"the header of {name} says {columns.unit} ({columns.field.names[0]}) and unit {unit!r} was given: "
-                "leave it out, or correct the header"
+                "leave the unit out, or correct the header"
             )
         return chosen
     if scale is not None:

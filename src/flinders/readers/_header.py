@@ -122,7 +122,9 @@ def _require_places(name: str, found: _Misfit, values: Floats, wanted: Sequence[
         raise UsageError(f"columns {asked!r}: {name} has {what}, so their places are ambiguous: give numbers")
     judged = groups(values, range(values.shape[1]))
     told, hint = advice(judged) if judged else (f"say which, by number; they go from {ranges(values)}", XYZ)
-    raise NoMagnetometer(f"{name} has {what}, and the values do not match the names to fields; {told}", hint=hint)
+    raise NoMagnetometer(
+        f"{name} has {what}, and the values do not show which name belongs to which field; {told}", hint=hint
+    )
 
 
 def _named_in(text: str, delimiter: str) -> list[str]:

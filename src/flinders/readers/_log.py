@@ -178,7 +178,7 @@ class Instrument:
         clock.refuse_empty()
         if not given:
             raise UnreadableInput(
-                f"no usable reading of {self.name} in {self.source}: need finite x, y and z; check the sensor, and "
+                f"no usable reading of {self.name} in {self.source}: need finite x, y and z. Check the sensor, and "
                 "whether it was being logged"
             )
 

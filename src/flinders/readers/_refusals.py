@@ -3,7 +3,7 @@
 >>> refuse_one_value("log.csv", [f"mag_{axis},{value}" for axis in "xyz" for value in range(9)])
 Traceback (most recent call last):
 flinders.errors.NoMagnetometer: log.csv has one value in each row, and column 1 names the axis (mag_x, mag_y, mag_z):
-    pivot it, so that x, y and z of a reading are in one row, or export a column for each
+    pivot the table, so that x, y and z of a reading are in one row, or export a column for each axis
 """
 
 from __future__ import annotations
@@ -78,8 +78,8 @@ def refuse_nameless(name: str, devices: Sequence[Device], clocks: Sequence[Clock
         taken = {*devices[0].cells, *(cell for clock in clocks for cell in clock.cells)}
         others = ",".join([str(cell + 1) for cell in range(width) if cell not in taken][-3:])
         raise NoMagnetometer(
-            f"column {column + 1} of {name} says which sensor each line is of ({words}): name the columns of x, y and "
-            "z, and say which sensor is meant",
+            f"column {column + 1} of {name} names the sensor of each line ({words}): name the columns of x, y and z, "
+            "and choose one sensor",
             hint={"columns": others, "sensor": None},
         )
 
@@ -94,8 +94,8 @@ def refuse_matrices(name: str, texts: Sequence[str]) -> None:
         wide += known[-1:] if int(match["columns"] or 0) >= len("xyz") else []
     if len(wide) > 1:
         raise NoMagnetometer(
-            f"{name} has several matrices, one below the other ({', '.join(wide)}): save the magnetometer's alone, "
-            f"such as with save -text field.txt {wide[-1]}"
+            f"{name} has several matrices, one below the other ({', '.join(wide)}): save only the matrix of the "
+            f"magnetometer, such as with save -text field.txt {wide[-1]}"
         )
 
 
@@ -146,7 +146,7 @@ def refuse_one_value(name: str, lines: Sequence[str], *, may_be_in_turn: bool = 
             if told and (may_be_in_turn or not _are_in_turn([word for word in words if word in told])):
                 raise NoMagnetometer(
                     f"{name} has one value in each row, and column {place + 1} names the axis ({', '.join(told)}): "
-                    "pivot it, so that x, y and z of a reading are in one row, or export a column for each"
+                    "pivot the table, so that x, y and z of a reading are in one row, or export a column for each axis"
                 )
 
 
@@ -170,7 +170,7 @@ def _refuse_mixed(name: str, header: Sequence[str], rows: Sequence[Sequence[str]
         if others := [word for word, each in known.items() if each.kind != FIELD]:
             column = f"column {header[place].strip()!r}" if header else f"column {place + 1}"
             raise NoMagnetometer(
-                f"{column} of {name} says which sensor each line is of, such as {others[0]!r}: keep the lines of "
+                f"{column} of {name} names the sensor of each line, such as {others[0]!r}: keep the lines of "
                 "the magnetometer, or name the columns to read them all",
                 hint={"columns": None},
             )
@@ -191,7 +191,7 @@ def _refuse_thousands(name: str, rows: Sequence[Sequence[str]], columns: Columns
     if len(grouped) >= 3 and 100 <= max(whole, default=0) < 1000:
         raise UnreadableInput(
             f"numbers of {name} such as {grouped[0]!r} next to {max(whole):.0f} seem to have {decimal!r} as thousands "
-            f"separator: save them without it, or name the columns if {decimal!r} is the decimal sign",
+            f"separator: save the numbers without it, or name the columns if {decimal!r} is the decimal sign",
             hint={"columns": None},
         )
 

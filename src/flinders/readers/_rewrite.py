@@ -29,8 +29,8 @@ class Rewriter:
     def __init__(self, layout: TextLayout, *, add: bool) -> None:
         if layout.columns.reset is not None and not add:
             raise UsageError(
-                f"each reading is a pair ({layout.columns.field.names[0]}, {layout.columns.reset.names[0]}), which a "
-                "corrected reading cannot replace: add columns for it",
+                f"each reading has two parts ({layout.columns.field.names[0]}, {layout.columns.reset.names[0]}), "
+                "which one corrected reading cannot replace: add columns for corrected readings",
                 hint={"add": True},
             )
         self._layout, self._add = layout, add

@@ -256,8 +256,8 @@ class TableRecording(ColumnsRecording):
                 yield clock.select(samples, within)
         if not usable:
             raise UnreadableInput(
-                f"no usable reading in {self.source}: {'; '.join(map(str, self.skipped)) or 'it has no rows'}; need "
-                "finite x, y and z; check the sensor and its wiring"
+                f"no usable reading in {self.source}: {'; '.join(map(str, self.skipped)) or 'it has no rows'}. A "
+                "reading needs finite x, y and z: check the sensor and its wiring"
             )
         clock.refuse_empty()
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.core.samples import ACCOMPANYING, MAX_NOTED_LINES, Skipped, silent_entries
+from flinders.core.samples import ACCOMPANYING, MAX_NOTED_LINES, NOT_FINITE, Skipped, silent_entries
 from flinders.core.silence import find_silent
 from flinders.errors import UnreadableInput
 from flinders.readers._tokenizer import shorten
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from flinders.readers._lines import Lines
 
 UNREADABLE: Final = "unreadable"
-NOT_FINITE: Final = "not finite"
 OTHER: Final = "other"  # lines that do not belong to the dialect
 
 
@@ -55,14 +54,14 @@ class Tally:
         """Raise an error if more than half of the lines are unreadable, or no reading is usable."""
         if self.unreadable > self.rows:
             raise UnreadableInput(
-                f"{self.unreadable:,} of {self.unreadable + self.rows:,} lines of {name} are not readings: "
-                f"the first is line {self.first[0]} ({shorten(self.first[1])!r}), the last line {self.last[0]} "
-                f"({shorten(self.last[1])!r}); check what was recorded, or name the columns",
+                f"{self.unreadable:,} of {self.unreadable + self.rows:,} lines of {name} are not readings. The first "
+                f"is line {self.first[0]} ({shorten(self.first[1])!r}), the last is line {self.last[0]} "
+                f"({shorten(self.last[1])!r}). Check what was recorded, or name the columns",
                 hint={"columns": None},
             )
         if not self.usable:
             raise UnreadableInput(
-                f"no usable reading in {name}: {'; '.join(map(str, skipped))}; need finite x, y and z: "
+                f"no usable reading in {name}: {'; '.join(map(str, skipped))}. A reading needs finite x, y and z: "
                 "check the sensor and its wiring"
             )
 

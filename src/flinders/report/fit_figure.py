@@ -133,7 +133,9 @@ def _deviation(fit: Fit, recording: AnyReadings | None = None) -> tuple[Panel, .
     del recording  # it follows from the claim
     refuse_unfit(fit)
     if not fit.claim.states_uncertainty:
-        raise UsageError("the calibration states no uncertainty, of which a deviation follows: fit its recording again")
+        raise UsageError(
+            "the calibration states no uncertainty, and this figure needs it: calibrate again from the recording"
+        )
     return figures.deviations(view_alone(fit), fit.claim.target_deg)
 
 

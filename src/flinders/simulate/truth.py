@@ -67,7 +67,7 @@ class FieldRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
         expected = self.strength * north_and_down(self.dip_deg)
         if not np.allclose(self.vector, expected, rtol=0.0, atol=1e-6 * self.strength):
             stated = ", ".join(f"{part:.6g}" for part in expected)
-            raise ValueError(f"`vector` is not that of strength and dip, which is {stated}")
+            raise ValueError(f"`vector` contradicts strength and dip, which give {stated}")
 
 
 class RecordingRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

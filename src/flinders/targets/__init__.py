@@ -136,7 +136,8 @@ def find_accepting(
     if code_name is not None and not target.named:
         takes = ", ".join(each.name for each in registry().values() if each.named)
         raise UsageError(
-            f"{target.name} has no names to choose: leave the name out; targets that have: {takes}", hint={"name": None}
+            f"names in code of {target.name} are fixed: leave the name out; targets with a choice: {takes}",
+            hint={"name": None},
         )
     if noise and not target.estimator:
         takes = ", ".join(each.name for each in registry().values() if each.estimator)
@@ -189,7 +190,7 @@ def read_back(
     else:
         name = find(target).name
         if name not in readable:
-            raise UsageError(f"files of {name} cannot be read back: only those of {', '.join(readable)} can")
+            raise UsageError(f"files of {name} cannot be read: use a file of {', '.join(readable)}")
     reader = readable[name]
     if compass is not None and reader.which is None:
         several = dict.fromkeys(row.family for row in registry().values() if row.compasses)

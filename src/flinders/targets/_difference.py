@@ -96,10 +96,10 @@ class Difference:
             return
         off = f"up to {share:.2g} times" if math.isfinite(share) else "more than"
         raise NotExportable(
-            f"rounded to the target's numbers, readings would be off by {off} their length: a field of "
-            f"{figures(strength)} {unit_label(calibration.unit)} does not suit their steps. Record in "
-            "counts or nT if the target takes whole numbers; else check the unit of the recording, and the field "
-            "strength where it was given",
+            f"the target rounds numbers too coarsely for a field of {figures(strength)} "
+            f"{unit_label(calibration.unit)}: readings would be off by {off} their length. Record in counts or nT if "
+            "the target takes whole numbers; else check the unit of the recording, and the field strength if it was "
+            "given",
             hint={"unit": None, "site": None},
             beyond=(),
             error=self.worst,

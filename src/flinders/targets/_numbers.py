@@ -197,11 +197,10 @@ def refuse_mounted(calibration: Calibration, *, who: str) -> None:
     """Raise `NotExportable` for readings in vehicle axes, if the target corrects them before the mounting."""
     if calibration.frame == VEHICLE:
         raise NotExportable(
-            f"the calibration is for readings in the axes of the vehicle, and {who} corrects them before the mounting, "
-            "in the sensor's own axes: the numbers would be wrong if the sensor is rotated. Write it for a target "
-            "that acts after the mounting or on readings as recorded (c, json), calibrate from readings in the "
-            "sensor's own axes, or state the sensor's mounting in the vehicle, none if its axes are those of the "
-            "vehicle",
+            f"the calibration is for readings in the axes of the vehicle, and {who} corrects readings in the axes of "
+            "the sensor: the numbers would be wrong for a rotated sensor. State the mounting of the sensor in the "
+            "vehicle (none if the axes are the same), or calibrate from readings in the axes of the sensor, or "
+            "choose a target that corrects readings as recorded (c, json)",
             hint={"mounting": None},
             beyond=(),
             frame=calibration.frame,

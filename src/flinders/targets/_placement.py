@@ -87,9 +87,9 @@ class Placement:
         found = mounted @ unmapping_matrix(calibration).T @ turn
         if asked.mounting is None and np.array_equal(found, np.eye(3)):
             raise NotExportable(
-                f"{who} holds the sensor's orientation in the body, which the calibration does not contain: calibrate "
-                "with an accelerometer, gyro or attitude that was recorded with it, or state the mapping of the axes, "
-                "or none if they are those of the body",
+                f"{who} needs the orientation of the sensor in the body, which the calibration does not contain: "
+                "calibrate with a recorded accelerometer, gyro or attitude, or state the mapping of the axes, or "
+                "state the mounting none if the axes are those of the body",
                 hint={"aiding": "dip", "axes": None, "mounting": "none"},
                 beyond=("rotation",),
             )

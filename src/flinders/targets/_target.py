@@ -294,7 +294,7 @@ class Target:
         if calibration.linearization is not None and not self.linearizes:
             raise NotExportable(
                 f"the calibration linearizes its axes, and {self.title} holds {self.holds}: use c, arduino or "
-                "micropython, or calibrate without",
+                "micropython, or calibrate without linearization",
                 hint={"linearize": None},
                 beyond=("linearization",),
             )

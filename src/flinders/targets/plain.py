@@ -84,7 +84,7 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
     if unit not in {MICROTESLA, COUNTS}:
         raise DocumentError(f"{source}: unit is {unit!r}: need {MICROTESLA} or {COUNTS}")
     if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
-        raise DocumentError(f"{source}: matrix needs three lists of three numbers")
+        raise DocumentError(f"{source}: matrix is not three lists: need three lists of three numbers")
     entries = parse_list({"matrix": [entry for row in rows for entry in row]}, "matrix", 9, source)
     (length,) = numbers(fields, ["field_strength"], source)
     affine = Affine(entries.reshape(3, 3), parse_list(fields, "offset", 3, source), float(length))
@@ -99,7 +99,7 @@ def _read_disturbances(fields: dict[str, Any], source: str) -> tuple[Disturbance
     """Disturbances of the offset in a file."""
     columns = fields.get("columns", {})
     if not isinstance(columns, dict):
-        raise DocumentError(f"{source}: columns needs an entry for each name of a column")
+        raise DocumentError(f"{source}: columns is no object: need one entry for each column, by its name")
     kinds = {name: fields[key] for key, name in NAMES_BY_KEY.items() if key in fields}
     return tuple(_read_disturbance(name, record, source) for name, record in {**kinds, **columns}.items())
 
@@ -107,7 +107,7 @@ def _read_disturbances(fields: dict[str, Any], source: str) -> tuple[Disturbance
 def _read_disturbance(name: str, record: object, source: str) -> Disturbance:
     """One disturbance of a file."""
     if not isinstance(record, dict):
-        raise DocumentError(f"{source}: {name} needs offset_per_unit, reference, recorded and lag_s")
+        raise DocumentError(f"{source}: {name} is no object: need offset_per_unit, reference, recorded and lag_s")
     reference, lag, gain = numbers(record, ["reference", "lag_s", "scale_per_unit"], source)
     low, high = parse_list(record, "recorded", 2, source)
     per_unit = parse_list(record, "offset_per_unit", 3, source)

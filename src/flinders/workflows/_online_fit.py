@@ -59,7 +59,7 @@ def require_usable_start(start: Fit) -> None:
     why = (
         "is refused" if start.verdict == "refused"
         else "states no uncertainty" if not start.claim.states_uncertainty
-        else "is of a level turn, which an online calibration learns from readings" if start.claim.plane is not None
+        else "is of a level turn only" if start.claim.plane is not None
         else "follows a disturbance with a lag" if any(one.lag_s for one in calibration.disturbances)
         else "is linearized" if calibration.linearization is not None
         else "has a rotation from an aiding sensor" if calibration.rotation != "symmetric"
@@ -67,5 +67,6 @@ def require_usable_start(start: Fit) -> None:
     )  # fmt: skip
     if why:
         raise UsageError(
-            f"{start.provenance.name} {why}: start with a calibration of the magnetometer alone, or with none"
+            f"{start.provenance.name} {why}: start with a calibration of the magnetometer alone, or without a "
+            "calibration"
         )

@@ -141,7 +141,7 @@ class HeadingStream:
                 "grid north depends on the place: give the site, or leave the grid out", hint={"site": None}
             )
         if level and (formula != "exact" or acceleration is not None):
-            raise UsageError("level headings compensate no tilt: leave the formula and the acceleration out")
+            raise UsageError("level headings ignore tilt: leave the formula and the acceleration out")
         if acceleration is not None:
             _name_acceleration(recording, acceleration)
         declination_deg = declination_deg if site is None else site.declination_deg

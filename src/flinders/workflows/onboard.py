@@ -133,11 +133,11 @@ def _refuse_unknown(recording: Recording) -> NoReturn:
     parts, stored = _parts(recording), _stored_calibrations(recording)
     name = str(getattr(parts[0], "name", ""))
     if len(parts) > 1 and stored:
-        raise NoOnboardCalibration(f"{recording.source} were made with different calibrations in force: give one log")
+        raise NoOnboardCalibration(f"{recording.source} were made with different calibrations on board: give one log")
     if stored and stored[0].applied and getattr(parts[0], "as_logged", False):
         raise NoOnboardCalibration(
-            f"readings of {name} in {recording.source} as logged are already corrected by {stored[0].words}: read "
-            "them without that calibration",
+            f"the logged readings of {name} in {recording.source} are already corrected by {stored[0].words}: read the "
+            "log without the option for readings as logged",
             hint={"as_logged": None},
         )
     is_vehicle = getattr(parts[0], "autopilot", None) is not None

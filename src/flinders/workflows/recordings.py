@@ -98,8 +98,8 @@ def recording_for(source: AnyReadings, fit: Fit) -> Recording:
     for part in single_recordings(recording):
         if part.axes != calibration.axes:
             raise AxesError(
-                f"{part.source} has axes {part.axes}, {fit.provenance.name} has {calibration.axes}: read it with the "
-                "axes of the calibration"
+                f"{part.source} has axes {part.axes}, {fit.provenance.name} has {calibration.axes}: read the recording "
+                "with the axes of the calibration"
             )
         require_same_frame(calibration, part.recording if isinstance(part, RecordingWrapper) else part)
     return recording

@@ -88,8 +88,8 @@ class CorrectionMonitor:
         if self.strength.readings == 0 and not 1 / MAX_LENGTH_RATIO < middle < MAX_LENGTH_RATIO:
             raise InputError(
                 f"corrected readings of {self._source} are {middle:.2g} times as long as the calibration's field "
-                f"({self._calibration.field_strength:.4g} {self._calibration.unit}): it is for another sensor, unit or "
-                "range; calibrate this sensor, or name its columns",
+                f"({self._calibration.field_strength:.4g} {self._calibration.unit}): the calibration is for another "
+                "sensor, unit or range; calibrate this sensor, or name its columns",
                 hint={"columns": None},
             )
         self._lowest = np.fmin.reduce(np.vstack([self._lowest, readings]))

@@ -131,8 +131,8 @@ def _refuse_unstated(fit: Fit) -> None:
     """Refuse a fit without standard deviations; raises NotExportable."""
     if heading_model_of(fit) is None:
         raise NotExportable(
-            f"{fit.provenance.name} does not state its noise and uncertainty, which a component needs for the error of "
-            "each heading. Calibrate a recording, or export the code alone, for c",
+            f"{fit.provenance.name} states no noise and no uncertainty. A component needs both for the error of each "
+            "heading: calibrate a recording, or export the code alone (target c)",
             beyond=(),
         )
 

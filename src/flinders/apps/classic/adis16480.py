@@ -125,8 +125,8 @@ class Registers:
         """
         if calibration.unit != MICROTESLA:
             raise UnitError(
-                "the calibration is in counts, and the registers are in mG: calibrate again in mG (or G, uT …), or "
-                "with a scale of 0.01 µT if a count is the 0.1 mG of x_MAGN_OUT",
+                "the calibration is in counts, and the registers are in mG: calibrate again in mG (or G, uT …). For "
+                "readings of x_MAGN_OUT, whose count is 0.1 mG, the scale is 0.01 µT per count",
                 hint={"unit": "mG", "scale": 0.01},
             )
         wanted = _register_values(calibration)
@@ -186,7 +186,7 @@ class Registers:
         try:
             offset = -MG * np.linalg.solve(matrix, self.hard_iron)
         except np.linalg.LinAlgError:
-            raise ArrayError(f"(I + S) of the codes {self.codes} is singular: it cannot be undone") from None
+            raise ArrayError(f"(I + S) of the codes {self.codes} is singular: the correction has no inverse") from None
         rotation: Rotation = "symmetric" if np.array_equal(matrix, matrix.T) else "composed"
         return Calibration(matrix, offset, field_strength, known, rotation, raw=Unit.of("mG"))
 
@@ -267,7 +267,7 @@ def write(calibration: Calibration, _asked: ExportOptions) -> Written:
         decoded = registers.to_calibration(calibration.field_strength)
     except ArrayError:
         raise NotExportable(
-            "rounded to the steps of the registers, all readings would lie in a plane: check the unit of the "
+            "rounded to the steps of the registers, the matrix maps all readings to a plane: check the unit of the "
             "recording, and the field strength if it was given",
             hint={"unit": None, "site": None},
             beyond=(),

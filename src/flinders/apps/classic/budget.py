@@ -213,8 +213,8 @@ class Pair:
         known = _known_quantities(current=current, separation=separation, distance=distance, stray=stray)
         if known.get("distance", math.inf) <= known.get("separation", 0.0) / 2:
             raise UsageError(
-                f"a distance of {distance:g} m from the middle of two wires {separation:g} m apart is between the "
-                "wires: need more than half their separation"
+                f"distance is {distance:g} m from the middle of the two wires, and their separation is {separation:g} "
+                "m: need a distance of more than half the separation"
             )
         match known:
             case {"current": i, "separation": s, "distance": r}:
@@ -291,7 +291,7 @@ def _known_quantities(**given: float | None) -> dict[str, float]:
     known = {name: float(value) for name, value in given.items() if value is not None}
     if len(known) != len(given) - 1:
         names = ", ".join(name.removesuffix("_deg") for name in given)
-        raise UsageError(f"{len(known)} of {names} are given: leave out exactly the one to be found")
+        raise UsageError(f"{len(known)} of {names} are given: give all but the one to be calculated")
     for name, value in known.items():
         if not (math.isfinite(value) and value > 0):
             raise UsageError(f"{name.removesuffix('_deg')} is {value:g}: need a positive number")
@@ -399,11 +399,11 @@ class Budget:
         missing = [name for name in (*names, "stray") if name not in self.known]
         options = " and ".join(names)
         if not missing:
-            raise UsageError(f"{options} determine the stray field, and another one is given: leave out one of them")
+            raise UsageError(f"{options} determine the stray field, and stray is given too: leave out one of them")
         if len(missing) > 1:
             raise UsageError(
-                f"too few quantities: need {options} to find the stray field; to find one of these, give the others "
-                "and stray, or field and error"
+                f"too few quantities. To calculate the stray field, give {options}. To calculate one of these, give "
+                "the others, and either stray or both field and error"
             )
         solved = solve(**{name: self.known.get(name) for name in (*names, "stray")})
         self.derived[missing[0]], self.why[missing[0]] = getattr(solved, missing[0]), solved.formula

@@ -64,7 +64,7 @@ def stray_budget(relation: Relation, given: Mapping[str, UnitValue | str], *, si
     }
     if relation == "heading":
         if len(values) != 2:
-            raise UsageError("need exactly two of field, stray and error: the third is found")
+            raise UsageError("give exactly two of field, stray and error: the third is calculated")
         budget = Budget("heading", values)
         budget.find_heading()
         return budget

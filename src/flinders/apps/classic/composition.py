@@ -139,9 +139,9 @@ def refuse_unloaded(first: Fit, turn: Turn, *, dip_deg: float, source: str) -> N
     again = f"record it with {name} loaded, or correct a raw recording with flinders apply {name}"
     if not 1.0 / MAX_SCALE_RATIO < farthest / level < MAX_SCALE_RATIO:
         raise UsageError(
-            f"{source} has an amplitude of {figures(farthest)} {unit} along {named}, but with {first.provenance.name} "
-            f"loaded it would be {figures(level)} (level field, dip {dip_deg:g}°): the recording is in another unit, "
-            f"or was made without that calibration; {again}, or name the unit",
+            f"the amplitude of {source} along {named} is {figures(farthest)} {unit}. With {first.provenance.name} "
+            f"loaded, the amplitude is {figures(level)} {unit} (horizontal field, dip {dip_deg:g}°): the recording is "
+            f"in another unit, or was made without that calibration; {again}, or name the unit",
             hint={"unit": None},
         )
     centre = turn.ellipse.centre[seen]
@@ -151,14 +151,15 @@ def refuse_unloaded(first: Fit, turn: Turn, *, dip_deg: float, source: str) -> N
         centre
     ):
         raise UsageError(
-            f"{source} has a mean of {_number_list(centre)} {unit} along {named}, which is the offset that "
-            f"{first.provenance.name} removes ({_number_list(offset)}): the recording was made without "
+            f"the mean of {source} along {named} is {_number_list(centre)} {unit}, near the offset in "
+            f"{first.provenance.name} ({_number_list(offset)}): the recording was made without "
             f"{first.provenance.name} loaded; {again}"
         )
     if "" not in turns and np.linalg.norm(centre) > MAX_CENTRE_SHARE * strength:
         raise UsageError(
-            f"{source} has a mean of {_number_list(centre)} {unit} along {named}, but with {first.provenance.name} "
-            f"loaded it would be near 0: the recording was made without it, or of another sensor; {again}"
+            f"the mean of {source} along {named} is {_number_list(centre)} {unit}. With {first.provenance.name} "
+            "loaded, the mean is near 0: the recording was made without that calibration, or is of another sensor; "
+            f"{again}"
         )
 
 

@@ -207,7 +207,9 @@ class Contest:
             if entry.method == method:
                 return entry
         names = [entry.method for entry in self.entries]
-        raise UsageError(f"method {method!r} was not compared{did_you_mean(method, names)}: {', '.join(names)}")
+        raise UsageError(
+            f"method {method!r} was not compared{did_you_mean(method, names)}: use one of {', '.join(names)}"
+        )
 
     def sorted_by(self, measure: str) -> Contest:
         """The contest in the order of one of `MEASURES`, the smallest first; entries without it come last."""

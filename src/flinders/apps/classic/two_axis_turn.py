@@ -185,7 +185,7 @@ def _dip_deg(previous: Fit, dip_deg: float | None) -> float:
     if dip_deg is not None and abs(abs(known) - abs(dip_deg)) > 1e-6:
         raise UsageError(
             f"the dip is given as {dip_deg:g}°, and {previous.provenance.name} was made for {known:g}°: record all "
-            "planes at one place, and give no other",
+            "planes at one place, and leave the dip out",
             hint={"dip_deg": None},
         )
     return known if dip_deg is None else dip_deg
@@ -218,13 +218,14 @@ def read_turn(
             require_same_frame(known.calibration, recording)
         if recording.unit.inside != known.calibration.unit:
             raise UnitError(
-                f"{recording.source} is in {recording.unit.inside}, {known.provenance.name} in {known.calibration.unit}"
+                f"{recording.source} is in {recording.unit.inside}, {known.provenance.name} in "
+                f"{known.calibration.unit}: record all planes in one unit"
             )
         if own_recordings(known, [recording]):
             raise UsageError(
-                f"{known.provenance.name} was made from {recording.source}, which cannot have been recorded with it "
-                f"loaded: record the next plane with {known.provenance.name} loaded, or correct a raw recording with "
-                "flinders apply"
+                f"{known.provenance.name} was made from {recording.source}, so this recording was made before that "
+                f"calibration: record the next plane with {known.provenance.name} loaded, or correct a raw recording "
+                "with flinders apply"
             )
     return TurnReadings(recording, remove_saturated(Readings.of(recording)), plane, known, method)
 

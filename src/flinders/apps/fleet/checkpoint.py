@@ -79,7 +79,7 @@ class Checkpoint:
         self._refuse_foreign()
         if self.finished_count and not append and not force:
             raise UsageError(
-                f"{self.folder} holds partitions of an earlier run: continue that run, or begin again",
+                f"{self.folder} holds the partitions of an earlier run: continue that run, or begin a new one",
                 hint={"append": True, "force": True},
             )
         if force or not append:
@@ -101,7 +101,7 @@ class Checkpoint:
             foreign = [each.name for each in self.folder.iterdir() if not any(each.match(name) for name in OWN_FILES)]
             if foreign:
                 raise UsageError(
-                    f"{self.folder} is the folder for parts of the table, and holds a foreign file, "
+                    f"{self.folder} is the folder for partitions of the table, and contains a file of another program, "
                     f"{min(foreign)}: move that file, or name another table"
                 )
 
@@ -113,8 +113,8 @@ class Checkpoint:
             return
         if self.finished_count and known.get("asked") != plan.asked:
             raise UsageError(
-                f"{self.folder} belongs to a run with other options or another release: repeat those to continue it, "
-                "or begin again",
+                f"{self.folder} belongs to a run with other options or of another release of Flinders: continue that "
+                "run with its options and release, or begin a new one",
                 hint={"force": True},
             )
         self._clear()

@@ -105,7 +105,7 @@ class ReadFiles:
         if metadata.get(SIGN) != VERSION.encode() or FILES not in metadata:
             raise DocumentError(
                 f"{path} has no list of the files that it was made from: only a table of `flinders fleet` can be "
-                "extended; begin it again",
+                "extended; begin the table again",
                 hint={"force": True},
             )
         return cls.loads(metadata[FILES])

@@ -65,7 +65,7 @@ class Outputs:
             raise UsageError(f"{self.table}: a CSV table has no list of its input files: extend a Parquet table")
         if self.alerts is not None and not append:
             raise UsageError(
-                "alerts compare with the last run: extend an existing table",
+                "alerts compare a run with the one before: extend an existing table",
                 hint={"append": True},
             )
         if not is_remote(self.table):
@@ -127,7 +127,9 @@ def run(
         checkpoint = Checkpoint.of(outputs.table, plan, append=append, force=force)
         ending.callback(checkpoint.close)
         if not force and _stamp(outputs.table) != found:
-            raise OutputError(f"{outputs.table}: another run has written this table since this run began: run it again")
+            raise OutputError(
+                f"{outputs.table}: another run has written this table since this run began: repeat this run"
+            )
         if earlier is not None:
             earlier.rows.read_ahead()
         files = checkpoint.finished_files()
@@ -167,7 +169,7 @@ def _prepare(outputs: Outputs, options: Options, scheduler: str | None, *, appen
     options.check()
     if append and force:
         raise UsageError(
-            "a table is either extended or begun again: leave one of them out", hint={"append": True, "force": True}
+            "a table is either extended or begun again: choose one of the two", hint={"append": True, "force": True}
         )
     outputs.check(append=append, force=force)
     if scheduler is not None:

@@ -108,12 +108,11 @@ def _refuse_column(name: str, schema: Any, column: str) -> None:  # noqa: ANN401
     """Refuse a key column that is nested or duplicate."""
     count = schema.names.count(column)
     if count > 1:
-        raise UnreadableInput(f"{name} has {count} columns {column}: give all but one another name, or leave them out")
+        raise UnreadableInput(f"{name} has {count} columns with the name {column}: rename or remove all but one")
     kind = schema.field(column).type
     if not _is_text(kind):
         raise UnreadableInput(
-            f"{name}: column {column} holds {kind}, which cannot be a name: make it a column of texts or numbers, or "
-            "give it another name"
+            f"{name}: column {column} holds {kind}, and names need texts or numbers: convert the column, or rename it"
         )
 
 
@@ -156,7 +155,7 @@ def _key(
         if wanted.casefold() in lowered:
             return Key(lowered[wanted.casefold()])
     if column is not None and needed:
-        raise UsageError(f"{name} has no column {column}: there are {', '.join(columns[:24])}")
+        raise UsageError(f"{name} has no column {column}: its columns are {', '.join(columns[:24])}")
     return None
 
 

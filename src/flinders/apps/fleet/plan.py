@@ -184,7 +184,8 @@ def plan_of(where: str, options: Options, *, earlier: ReadFiles | None = None, b
     other_files = Counter(file.kind or PurePosixPath(file.name).suffix or "none" for file in others)
     if not taken and earlier is None:
         raise UnreadableInput(
-            f"{where}: none of {len(files)} files is a recording: they end in {', '.join(other_files)}"
+            f"{where}: none of {len(files)} files is a recording (their names end in {', '.join(other_files)}): name "
+            "the recordings"
         )
     tables, logs, own = _classify(taken, options)
     other_files.update(own.values())
@@ -192,7 +193,7 @@ def plan_of(where: str, options: Options, *, earlier: ReadFiles | None = None, b
     taken = [file for file in taken if file not in own]
     if not taken and earlier is None:
         wrote = f"{count_text(len(own), 'file')} that Flinders wrote"
-        raise UnreadableInput(f"{where}: no recordings, but {wrote}: give the folder of recordings")
+        raise UnreadableInput(f"{where}: no recordings, only {wrote}: give the folder of recordings")
     if taken:
         _refuse_options(where, tables, logs, options)
     by_recording = defaultdict(list)
@@ -217,8 +218,8 @@ def _refuse_other_input(where: str, earlier: ReadFiles, files: Sequence[StoredFi
     """Refuse to extend a table from an input without any of the files that it was made from."""
     if not any(file.name in earlier.files for file in files) and (known := earlier.recordings):
         raise UsageError(
-            f"{where}: none of the {count_text(len(known), 'file')} of the table, such as {min(known)}, is in the "
-            f"input: give the same input, with its new files, or name another table"
+            f"{where}: the input has none of the {count_text(len(known), 'file')} of the table, such as {min(known)}: "
+            "give the input of the table with its new files, or name another table"
         )
 
 

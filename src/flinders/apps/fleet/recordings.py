@@ -239,8 +239,8 @@ def refuse_other_unit(file: str, unit: Unit, first: str, known: Unit) -> None:
     """Refuse readings in another unit of field than those of the first file: raises UnitError."""
     if unit.inside != known.inside:
         raise UnitError(
-            f"its readings are in {known.inside} in {first} and in {unit.inside} in {file}: give the unit (and "
-            "the scale of counts) so that all are in one unit"
+            f"the readings are in {known.inside} in {first}, and in {unit.inside} in {file}: give the unit, and for "
+            "counts the scale, so that all files are in one unit"
         )
 
 

@@ -112,7 +112,7 @@ def date_of(text: str) -> datetime:
     try:
         date = datetime.fromisoformat(text)
     except ValueError:
-        raise UsageError(f"date {text!r}: need one of ISO 8601, such as 2026-04-01 or 2026-04-01T12:30") from None
+        raise UsageError(f"date {text!r}: need a date of ISO 8601, such as 2026-04-01 or 2026-04-01T12:30") from None
     if len(text) <= len("2026-04-01"):
         date = datetime.combine(date, time.max)
     return date if date.tzinfo else date.replace(tzinfo=UTC)

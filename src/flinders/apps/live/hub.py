@@ -282,7 +282,8 @@ class Hub:
 
         if request.edits.refreshing and self.renewed is not None and request.previous != self.previous.number:
             raise UsageError(
-                f"another page chose {self.previous.name} meanwhile: check that page, and press Finish again"
+                f"another page chose {self.previous.name} as the earlier calibration: check that page, and press "
+                "Finish again"
             )
         async with self._finishing:
             made = next((each for each in self.finished.values() if each.request == request), None)
@@ -303,7 +304,7 @@ class Hub:
             path = None if self.unrecorded else self.supply.path
             return FinishInputs(self.source.name, edits, self.log, path, self.supply.reading, self.renewed)
         if number not in self.logs:
-            raise UsageError("that log is no longer in memory: drop it again")
+            raise UsageError("that log is no longer in memory: drop the log on the page again")
         name, log = self.logs[number]
         return FinishInputs(name, edits, log, None, {}, self.renewed, is_of_sensor=False)
 

@@ -7,7 +7,7 @@ reading. The server stores the user's edits, and passes them on to other pages (
 0.5
 >>> parse('{"type": "edits", "excluded": [[3, 2]]}')
 Traceback (most recent call last):
-flinders.errors.UsageError: excluded from 3 to 2 s: need a start before the end
+flinders.errors.UsageError: a stretch to leave out is from 3 to 2 s: need a start before the end
 >>> encode(Notice(severity="info", words="the port is back"))
 '{"type":"notice","severity":"info","words":"the port is back"}'
 
@@ -182,10 +182,13 @@ def refuse_out_of_range(edits: Edits) -> None:
         raise UsageError(f"{count}; leave out one longer stretch instead of several")
     for start, end in edits.excluded:
         if not -math.inf < start <= end < math.inf:
-            raise UsageError(f"excluded from {start:g} to {end:g} s: need a start before the end")
+            raise UsageError(f"a stretch to leave out is from {start:g} to {end:g} s: need a start before the end")
     for (_, end), (start, _) in pairwise(edits.excluded):
         if not end < start:
-            raise UsageError(f"excluded up to {end:g} s, then from {start:g} s on: need ascending stretches")
+            raise UsageError(
+                f"stretches to leave out overlap: one ends at {end:g} s, the next begins at {start:g} s; need "
+                "ascending times"
+            )
 
 
 def readings_frame(

@@ -216,7 +216,7 @@ async def _finish(request: Request) -> Response:
     hub: Hub = request.app.state.hub
     edits = parse(await _body(request))
     if not isinstance(edits, Edits):
-        raise UsageError("a request without the edits of a page: reload the page")
+        raise UsageError("the request lacks the settings of a page: reload the page")
     asked = request.query_params
     made = await hub.finish(CalibrationRequest(edits, asked.get("log"), asked.get("previous", "")))
     return Response(
@@ -419,10 +419,12 @@ async def _send(request: Request) -> Response:
     hub: Hub = request.app.state.hub
     board = hub.supply.board
     if board is None:
-        raise LinkError("this source cannot receive a calibration: save it and use flinders send, or paste the export")
+        raise LinkError(
+            "this source cannot receive a calibration: save the calibration and use flinders send, or paste the export"
+        )
     finished = _made(request)
     if not finished.is_of_sensor:
-        raise NotSent(f"this calibration is of {finished.name}, not of the board: go back to the sensor first")
+        raise NotSent(f"this calibration belongs to {finished.name}, not to the board: go back to the sensor first")
     packet = MotionCalPacket.of(finished.fit.calibration)
     confirmed = await hub.on_feed(lambda: motioncal.send(board, packet, boot=0.0))
     return JSONResponse({"words": f"{board.name}: {confirmed}"})

@@ -208,7 +208,7 @@ def _refuse(name: object, **given: object) -> None:
     """Refuse arguments that do not apply to the source with this name."""
     unused: Mapping[str, object] = {word: None for word, value in given.items() if value is not None}
     if unused:
-        raise UsageError(f"{name} does not use some of the arguments: leave them out", hint=unused)
+        raise UsageError(f"{name} does not use these arguments: leave them out", hint=unused)
 
 
 def _of_table(table: SwingTable, site: SiteField | None, sigma_deg: float | None) -> Swing:
@@ -216,7 +216,9 @@ def _of_table(table: SwingTable, site: SiteField | None, sigma_deg: float | None
     compass, deviations = table.deviations(site)
     stated = table.columns.get("sigma")
     if stated is not None and sigma_deg is not None:
-        raise UsageError(f"{table.source} has a column of sigma: give no other", hint={"sigma_deg": None})
+        raise UsageError(
+            f"{table.source} has a column with sigma of each heading: leave sigma out", hint={"sigma_deg": None}
+        )
     sigma = sigma_deg if stated is None else stated
     curve = fit(compass, deviations, sigma_deg=sigma)
     halves = _half_turns(compass, compass + deviations, curve.sigma_deg if sigma is None else sigma)

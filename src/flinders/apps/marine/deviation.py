@@ -112,7 +112,8 @@ class Deviation:
         wanted = to_floats(magnetic_deg, "magnetic_deg")
         if not self.is_one_to_one:
             raise FitError(
-                "deviation changes faster than the heading: one magnetic heading has several compass headings"
+                "the deviation changes faster than the heading, so that one magnetic heading has several compass "
+                "headings: compensate the compass first"
             )
         heading = wanted - self.at(wanted)
         for _ in range(200):
@@ -353,7 +354,7 @@ def _sigmas(sigma_deg: ArrayLike, count: int) -> Floats:
     sigma = np.full(count, float(given)) if given.ndim == 0 else check_column(given, count, "sigma_deg")
     wrong = sigma[~(np.isfinite(sigma) & (sigma > 0.0))]
     if len(wrong):
-        raise ArrayError(f"sigma_deg is {wrong[0]:g} somewhere: need positive numbers of degrees")
+        raise ArrayError(f"sigma_deg contains {wrong[0]:g}: need positive numbers of degrees")
     return sigma
 
 
@@ -367,7 +368,7 @@ def _refuse_few(headings: Floats) -> None:
             different.append(heading)
     if len(different) < MIN_HEADINGS:
         raise FitError(
-            f"{count_text(len(different), 'different heading')}, and five coefficients need at least {MIN_HEADINGS}: "
+            f"found {count_text(len(different), 'different heading')}; five coefficients need at least {MIN_HEADINGS}: "
             f"steady the vehicle on {ADVISED_HEADINGS} headings all round, each 45° from the last",
             found=len(different),
             needed=MIN_HEADINGS,
@@ -391,7 +392,8 @@ def _refuse_unlike(scatter_deg: float) -> None:
     if scatter_deg > MAX_SCATTER_DEG:
         raise FitError(
             f"headings scatter by {scatter_deg:.0f}° (1 σ) about any curve of five coefficients: compass headings do "
-            "not match the known ones; check the columns, the order of the lines, and that both count clockwise",
+            "not match the known headings. Check the columns, the order of the lines, and that both headings count "
+            "clockwise",
             found=scatter_deg,
             needed=MAX_SCATTER_DEG,
         )

@@ -68,7 +68,7 @@ class SwingRecording:
                 raise
             raise NoAccelerometer(
                 f"{stream.recording.source} is no table of headings, and has no accelerometer: {NEED}; "
-                "or a recording with an accelerometer, or of a sensor that never tilts",
+                "or give a recording with an accelerometer, or state that the sensor never tilts",
                 hint=error.hint,
             ) from None
         times = [time for _, time in blocks if time is not None]
@@ -102,8 +102,8 @@ class SwingRecording:
         """
         if len(self.rests) != len(headings_deg):
             raise FitError(
-                f"{count_text(len(headings_deg), 'heading')} for {self.source}, which has {self.rest_words()}: name "
-                "one for each, in order, or change the shortest rest",
+                f"{count_text(len(headings_deg), 'heading')} for {self.source}, which has {self.rest_words()}: give "
+                "one heading for each rest, in order, or change the shortest duration of a rest",
                 hint={"headings_deg": None, "stationary_s": None},
                 rests=len(self.rests),
                 headings=len(headings_deg),

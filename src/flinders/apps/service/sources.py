@@ -241,8 +241,8 @@ def raw_readings(samples: Samples, unit: Unit) -> Floats:
     """(N, 3) readings in a unit; `UnitError` if they cannot be converted."""
     if samples.unit.inside != unit.inside:
         raise UnitError(
-            f"{samples.source} is in {samples.unit.name}, the calibration is for readings in {unit.name}: use the "
-            "calibration of that kind of recording"
+            f"{samples.source} is in {samples.unit.name}, the calibration is for readings in {unit.name}: use a "
+            f"calibration for {samples.unit.name}"
         )
     return samples.field if unit.scale == 1.0 else samples.field / unit.scale
 
@@ -252,7 +252,7 @@ def disturbance_values(samples: Samples, name: str) -> Floats:
     values = samples.disturbance_values(name)
     if values is None:
         raise UsageError(
-            f"the calibration depends on {name}, which {samples.source} does not record: record it, or begin with a "
-            "calibration without it"
+            f"the calibration depends on {name}, which {samples.source} does not contain: record {name}, or begin with "
+            f"a calibration that does not depend on {name}"
         )
     return values

@@ -80,7 +80,7 @@ class InitialSettings:
         """
         if self.walk_unit not in (None, unit.inside):
             raise UnitError(
-                f"the walk is in {self.walk_unit}, readings are in {unit.name}: use the history of the same sensor"
+                f"the random walk is in {self.walk_unit}, readings are in {unit.name}: use the history of this sensor"
             )
         return OnlineCalibration(
             self.start,

@@ -66,7 +66,9 @@ def distox_coefficients(calibration: SurveyCalibration) -> bytes:
     """
     if calibration.pointing != "x":
         raise NotExportable(
-            f"the laser is along {calibration.pointing}, that of a DistoX along x", beyond=("pointing",)
+            f"the laser is along {calibration.pointing}, and a DistoX needs it along x: map the axes, and calibrate "
+            "again",
+            beyond=("pointing",),
         )
     sensors = (calibration.accelerometer, calibration.magnetometer)
     if calibration.magnetometer.raw.name != COUNTS or not all(sensor.axes.is_identity for sensor in sensors):
@@ -105,7 +107,9 @@ def mag_cal_json(calibration: SurveyCalibration, *, dip_deg: float, noise: float
     """
     if calibration.pointing != "y":
         raise NotExportable(
-            f"the laser is along {calibration.pointing}, and mag-cal needs it along y", beyond=("pointing",)
+            f"the laser is along {calibration.pointing}, and mag-cal needs it along y: map the axes, and calibrate "
+            "again",
+            beyond=("pointing",),
         )
     if any(calibration.quadratic):
         raise NotExportable("mag-cal has no quadratic terms: calibrate without quadratic terms", beyond=("quadratic",))
@@ -162,7 +166,7 @@ def _record(sensor: Calibration, noise: float) -> dict[str, Any]:
 def _of_record(record: dict[str, Any]) -> Calibration:
     """Calibration of a sensor from the JSON of mag-cal; raises ValueError for radial basis functions."""
     if np.any(np.array(record.get("rbfs", []), float)):
-        raise ValueError("it has radial basis functions, which are not read: calibrate from its shots")
+        raise ValueError("radial basis functions are not read: calibrate from the shots")
     axes = Axes.of(",".join(record["axes"][place : place + 2] for place in (0, 2, 4)))
     matrix = np.array(record["transform"], float).T
     return Calibration(matrix, np.array(record["centre"], float), 1.0, rotation="estimated", axes=axes)

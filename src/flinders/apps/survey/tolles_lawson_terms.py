@@ -73,7 +73,7 @@ class Signal:
         Raises `InputError`, `UnitError` or `FitError` as `fitted`.
         """
         if samples.time is None:
-            raise InputError(f"{samples.source} has no times: eddy currents and the band of manoeuvres need them")
+            raise InputError(f"{samples.source} has no times: the terms of eddy currents need the time of each reading")
         if samples.unit.inside != "uT":
             raise UnitError(
                 f"{samples.source} is in counts: give the unit or the scale of the readings",
@@ -131,7 +131,8 @@ class Signal:
         long = [run for run in whole if run.seconds >= MIN_RUN_S]
         if not long:
             raise FitError(
-                f"no {MIN_RUN_S:g} s without a gap of {MAX_GAP_S:g} s: record manoeuvres and lines in one piece",
+                f"no stretch of {MIN_RUN_S:g} s is free of gaps of {MAX_GAP_S:g} s: record manoeuvres and lines in "
+                "one piece",
                 found=max((run.seconds for run in whole), default=0.0),
                 needed=MIN_RUN_S,
             )

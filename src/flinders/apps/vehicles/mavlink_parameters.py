@@ -229,7 +229,7 @@ class ParameterPlan:
                     break
             if parameter is None or not is_same_float32(parameter.value, change.new.value):
                 answer = "is not answered" if parameter is None else f"is {_float32_text(parameter.value)}"
-                raise NotConfirmed(f"{change.new.name} {answer} in place of {_float32_text(change.new.value)}")
+                raise NotConfirmed(f"{change.new.name} {answer}, but {_float32_text(change.new.value)} was sent")
 
 
 def refuse_armed(vehicle: Vehicle) -> None:
@@ -360,7 +360,7 @@ def _compass_number(vehicle: Vehicle, compass: int | None) -> int:
     kind = PARAMETERS[vehicle.autopilot]
     numbers = kind.compasses
     if compass is not None and compass not in numbers:
-        raise UsageError(f"compass {compass}: {kind.who} counts them from {numbers[0]} to {numbers[-1]}")
+        raise UsageError(f"compass {compass}: {kind.who} counts compasses from {numbers[0]} to {numbers[-1]}")
     return numbers[0] if compass is None else compass
 
 

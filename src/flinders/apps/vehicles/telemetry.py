@@ -130,8 +130,9 @@ class Telemetry:
         before = self._parameters
         if before is None:
             raise NotSent(
-                f"{self.name} sends readings that are corrected with values that it does not report, so a calibration "
-                "from them cannot replace these values; calibrate from its log, and use flinders send"
+                f"the readings from {self.name} are already corrected, with values that the vehicle does not report. A "
+                "calibration from these readings cannot replace those values: calibrate from its log, and use "
+                "flinders send"
             )
         self._fetch()
         if self._parameters is None or self._parameters.rows() != before.rows():

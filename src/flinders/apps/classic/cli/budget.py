@@ -92,7 +92,7 @@ def heading(options: Heading) -> None:
 
     given = _read(options)
     if len(given) != 2:
-        raise UsageError("need exactly two of --field, --stray and --error: the third is found")
+        raise UsageError("give exactly two of --field, --stray and --error: the third is calculated")
     _print(stray_budget("heading", given), as_json=options.as_json)
 
 

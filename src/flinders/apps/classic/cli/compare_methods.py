@@ -21,11 +21,11 @@ class CompareMethods(program.Group):
     recordings: tuple[str, ...] = program.argument("RECORDING...", nargs=-1)
     methods: list[str] | None = program.member(
         "--methods", type=_names, metavar="NAME,NAME...",
-        help="Methods of `flinders methods` to run; the others are compared with the first [default: all].",
+        help="Methods to compare, from `flinders methods`; the first is the reference [default: all].",
     )  # fmt: skip
     blocks: int = program.member(
         "--blocks", type=click.IntRange(2, 1000), default=10, show_default=True, metavar="N",
-        help="Blocks of time for cross-validation.",
+        help="Number of blocks of time for cross-validation.",
     )  # fmt: skip
     reading: option.ReadingByChip = program.group(option.ReadingByChip)
     sensor: str | None = option.sensor()

@@ -30,7 +30,7 @@ class TwoAxis(Simulation):
     )
     points: int = program.member(
         "--points", type=click.IntRange(min=6), default=36, show_default=True,
-        help="Headings, equally spaced from north on.",
+        help="Number of headings, equally spaced, the first one north.",
     )  # fmt: skip
     scale: tuple[float, float] = program.member(
         "--scale", type=numbers_type(2, "two numbers, such as 1.1,0.9"), default="1.1,0.9", show_default=True,
@@ -42,7 +42,7 @@ class TwoAxis(Simulation):
     )  # fmt: skip
     skew_deg: float = program.member(
         "--skew", type=program.number_within(-89, 89, "degrees from -89 to 89"), default=4.0, show_default=True,
-        metavar="DEG", help="Deviation of the axes from a right angle.",
+        metavar="DEG", help="Deviation of the angle between the axes from 90°.",
     )  # fmt: skip
     noise: float = size_option("--noise", "White noise in µT, 1 σ per axis.", default=0.25, show_default=True)
     polar: str | None = program.member(

@@ -38,11 +38,11 @@ class TwoAxis(program.Group):
     )  # fmt: skip
     method: str = program.member(
         "--method", type=click.Choice(("two-axis", "ellipse")), default="two-axis", show_default=True,
-        help="Mean and scatter of equally spaced points, or least squares for any spacing.",
+        help="two-axis: mean and scatter, for equally spaced points; ellipse: least squares, for any spacing.",
     )  # fmt: skip
     after: str | None = program.member(
         "--after", metavar="CALIBRATION",
-        help="Calibration that was loaded while RECORDING was made; the result is composed with it.",
+        help="Calibration that was loaded while RECORDING was made; the result is composed with that calibration.",
     )  # fmt: skip
     reading: option.ReadingByChip = program.group(option.ReadingByChip)
     output: str | None = option.output(
@@ -79,9 +79,11 @@ class TwoAxis(program.Group):
         if self.after is None:
             return
         if self.reading.axes != "x,y,z":
-            raise UsageError(f"readings made with {self.after} loaded are in its axes already: leave --axes out")
+            raise UsageError(
+                f"readings with {self.after} loaded are already in the axes of that calibration: leave --axes out"
+            )
         if self.field_strength is not None:
-            raise UsageError(f"{self.after} has set the length of corrected readings: leave --field-strength out")
+            raise UsageError(f"{self.after} already sets the length of corrected readings: leave --field-strength out")
 
 
 @program.command_of(

@@ -131,7 +131,7 @@ def check_options(*, weights: str, noise: float | None, field_strength: float | 
     Raises `UsageError`.
     """
     if weights not in ("estimate", "prior"):
-        raise UsageError(f"weights is {weights!r}: need estimate, prior")
+        raise UsageError(f"weights is {weights!r}: need 'estimate' or 'prior'")
     for name, value in (("noise", noise), ("field_strength", field_strength)):
         if value is not None and not 0.0 < value < np.inf:
             raise UsageError(f"{name} is {value!r}: need a positive number in the unit of the readings")
@@ -230,7 +230,8 @@ class Reference:
         reported = _ReportedStrength.of(readings)
         if reported.count and field_strength is not None:
             raise WrongStrength(
-                "the recording has the field's strength at each reading, and another strength was given: use only one",
+                "the recording has the field's strength at each reading, and another strength was given: leave out "
+                "one of the two",
                 hint={"site": None},
                 mean=reported.mean,
                 field_strength=field_strength,
@@ -312,8 +313,9 @@ class Reference:
         """
         if self.varies and explained < MIN_EXPLAINED and self.spread > MAX_SPREAD_RATIO * self.noise:
             raise WrongStrength(
-                f"the strength in the recording varies by {self.spread:.1%} (1 σ), and the readings explain "
-                f"{max(explained, 0.0):.0%} of that: check its column, its unit and its time; or remove the column",
+                f"the field strength in the recording varies by {self.spread:.1%} (1 σ), and the readings explain "
+                f"only {max(explained, 0.0):.0%} of this variation: check the column of the strength, its unit and "
+                "its time, or remove the column",
                 spread=self.spread,
                 explained=explained,
             )

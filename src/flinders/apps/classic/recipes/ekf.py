@@ -111,7 +111,7 @@ class Ekf:
     def __post_init__(self) -> None:
         """Refuse invalid options."""
         if self.start not in get_args(Start):
-            raise UsageError(f"start is {self.start!r}: need {', '.join(get_args(Start))}")
+            raise UsageError(f"start is {self.start!r}: need one of {', '.join(get_args(Start))}")
         limits: list[tuple[str, float | None, float]] = [("spread", self.spread, 1e-9), ("walk", self.walk, 0.0)]
         for name, value, least in limits:
             if value is None or not least <= value <= 100.0:

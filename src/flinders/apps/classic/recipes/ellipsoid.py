@@ -102,7 +102,7 @@ class Constrained:
     def __post_init__(self) -> None:
         """Refuse an unknown constraint."""
         if self.radii not in get_args(Radii):
-            raise UsageError(f"radii is {self.radii!r}: need {', '.join(get_args(Radii))}")
+            raise UsageError(f"radii is {self.radii!r}: need one of {', '.join(get_args(Radii))}")
         if not isinstance(self.centred, bool):
             raise UsageError(f"centred is {self.centred!r}: need True or False")
 

@@ -68,7 +68,7 @@ class Li:
         """Refuse a k that does not enforce an ellipsoid."""
         k: object = self.k
         if k is not None and not (isinstance(k, int | float) and MIN_K < k < np.inf):
-            raise UsageError(f"k is {k!r}: need a number above {MIN_K:g}, such as 4, or None to search it")
+            raise UsageError(f"k is {k!r}: need a number above {MIN_K:g}, such as 4, or None to search the best value")
 
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid.

@@ -118,7 +118,7 @@ class Sequential:
         """Refuse invalid options."""
         for name, value, choices in (("find", self.find, get_args(Find)), ("form", self.form, get_args(Form))):
             if value not in choices:
-                raise UsageError(f"{name} is {value!r}: need {', '.join(choices)}")
+                raise UsageError(f"{name} is {value!r}: need one of {', '.join(choices)}")
         check_options(weights=self.weights, noise=self.noise, field_strength=self.field_strength)
 
     def estimate(self, readings: Readings) -> Estimate:

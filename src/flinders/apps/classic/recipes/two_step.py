@@ -88,7 +88,7 @@ class TwoStep:
     def __post_init__(self) -> None:
         """Refuse an unknown model."""
         if self.model not in get_args(Model):
-            raise UsageError(f"model is {self.model!r}: need {', '.join(get_args(Model))}")
+            raise UsageError(f"model is {self.model!r}: need one of {', '.join(get_args(Model))}")
 
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid.

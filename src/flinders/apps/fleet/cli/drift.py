@@ -30,11 +30,11 @@ class Drift(program.Group):
         "--report",
         what="the report",
         metavar="FILE.html",
-        help="Also write a report of the fleet and how it changed.",
+        help="Also write a report of the changes in the fleet.",
     )
     against: Literal["first", "previous"] = program.member(
         "--against", type=click.Choice(["first", "previous"]), default="first", show_default=True,
-        help="Calibration that vehicles carry, with which the newest is compared.",
+        help="Earlier calibration of a unit with which the newest is compared.",
     )  # fmt: skip
     batch: str | None = program.member(
         "--batch", metavar="COLUMN|PATTERN",
@@ -63,8 +63,8 @@ Example:
 
 \b
 Exit codes:
-  0  no unit has to be recalibrated; no unit of HISTORY drifts faster than the others, or moved
-  3  at least one has to be recalibrated, drifts faster, or moved
+  0  no unit has to be recalibrated, and no unit of HISTORY drifts faster than the others or was moved
+  3  at least one unit has to be recalibrated, drifts faster than the others, or was moved
 """,
 )
 def command(options: Drift) -> int:

@@ -73,7 +73,7 @@ class Fleet(program.Group):
     )  # fmt: skip
     workers: int | None = program.member(
         "--workers", heading=program.METHOD, type=click.IntRange(0, 4096), metavar="N",
-        help="Processes [default: one for each core].",
+        help="Number of processes [default: one for each core].",
     )  # fmt: skip
     scheduler: str | None = program.member(
         "--scheduler", heading=program.METHOD, metavar="tcp://…", help="Work on this Dask cluster instead."
@@ -96,7 +96,9 @@ class Fleet(program.Group):
         from flinders.core.files import refuse_existing
 
         if self.workers is not None and self.scheduler is not None:
-            raise UsageError("--workers are processes here, --scheduler has workers of its own: leave one of them out")
+            raise UsageError(
+                "--workers counts processes of this machine, and --scheduler has its own workers: leave one of them out"
+            )
         named = (self.out, self.bad, self.alerts, self.report, self.log_file, self.properties)
         paths = [path for path in named if path is not None]
         if len({path if is_remote(path) else os.path.realpath(path) for path in paths}) < len(paths):

@@ -29,7 +29,7 @@ class SimulatedFleet(program.Group):
     )
     recordings: int = program.member(
         "--recordings", type=click.IntRange(1, 10), default=2, show_default=True, metavar="N",
-        help="Recordings of each unit, a month apart.",
+        help="Number of recordings of each unit, a month apart.",
     )  # fmt: skip
     bad: float = program.member(
         "--bad", type=program.number_within(0, 1, "a share from 0 to 1", zero=True), default=0.1, show_default=True,
@@ -37,7 +37,7 @@ class SimulatedFleet(program.Group):
     )  # fmt: skip
     drifting: float = program.member(
         "--drifting", type=program.number_within(0, 1, "a share from 0 to 1", zero=True), default=0.1,
-        show_default=True, metavar="SHARE", help="Units whose offset moves between two recordings.",
+        show_default=True, metavar="SHARE", help="Number of units whose offset changes between two recordings.",
     )  # fmt: skip
     seed: int = program.member(
         "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Another seed, other numbers."

@@ -34,7 +34,7 @@ class GaugeOptions(program.Group):
         "--by", default="operator", show_default=True, metavar="COLUMN", help="Column with the operator."
     )
     plan: str | None = program.member(
-        "--plan", metavar="PLAN.toml", help="File of the station, to state shares of its pass ranges."
+        "--plan", metavar="PLAN.toml", help="Plan of the station; states results as shares of its pass ranges too."
     )
     report: str | None = program.member(
         "--report", what="the report", metavar="FILE.html", help="Also write a report as one HTML file."

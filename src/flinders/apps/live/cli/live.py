@@ -88,11 +88,11 @@ class LiveSource(program.Group):
         if len(named) > 1:
             raise UsageError(f"{' and '.join(named)} name several sensors: show each on a page of its own")
         if self.speed is not None and self.replay is None and not self.simulate:
-            raise UsageError("--speed goes with --replay and --simulate: leave it out")
+            raise UsageError("--speed goes with --replay and --simulate: leave --speed out")
         if self.compass != 1 and self.mavlink is None:
-            raise UsageError("--compass goes with --mavlink: leave it out")
+            raise UsageError("--compass goes with --mavlink: leave --compass out")
         if self.imu_topic is not None and self.ros2 is None:
-            raise UsageError("--imu-topic goes with --ros2: leave it out")
+            raise UsageError("--imu-topic goes with --ros2: leave --imu-topic out")
         if self.port == ANY_PORT:
             board_port()  # reports a missing port at once, before anything is loaded
         self.lines.refuse_with(named)
@@ -182,7 +182,7 @@ class ServedPage(program.Group):
     )  # fmt: skip
     web_port: int | str = program.member(
         "--port", type=_port, default=PORT, show_default=True, metavar="N",
-        help="Port of the page; 0 for any free one. A serial port here means --serial.",
+        help="Number of the page's port; 0 for any free one. The name of a serial port counts as --serial.",
     )  # fmt: skip
     opens: bool | None = program.member(
         "--open/--no-open", default=None, help="Open a browser [default: if there is a screen]."
@@ -245,7 +245,9 @@ class Live(program.Group):
         if self.refresh and self.previous is None:
             raise UsageError("--refresh renews an earlier calibration: name its file with --previous")
         if self.output is not None and Path(self.output).is_file():
-            raise OutputError(f"{self.output} exists: give another name, or continue it with --resume {self.output}")
+            raise OutputError(
+                f"{self.output} exists: give another name, or continue that recording with --resume {self.output}"
+            )
         if self.output == "-":
             raise UsageError("the recording needs a regular file, which is read again: name one with -o")
         if self.output is not None and self.resume is not None:

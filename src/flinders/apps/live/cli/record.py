@@ -86,7 +86,7 @@ class Record(program.Group):
                 "--ros2 TOPIC"
             )
         if self.pattern is not None and self.topic.ros2 is not None:
-            raise UsageError("--pattern describes lines, and --ros2 sends none: leave it out")
+            raise UsageError("--pattern describes lines, and --ros2 sends none: leave --pattern out")
         if self.pattern is not None:
             from flinders.readers.dialects.pattern import Pattern
 
@@ -94,7 +94,9 @@ class Record(program.Group):
         if not self.output:
             raise UsageError("need a file to write: -o tumble.csv, or -o - for standard output")
         if self.resume and (self.force or self.output == "-"):
-            raise UsageError(f"--resume continues a file: leave {'--force out' if self.force else 'it out with -o -'}")
+            raise UsageError(
+                f"--resume continues a file: leave {'--force out' if self.force else '--resume out with -o -'}"
+            )
 
     def open_recorder(self, stack: contextlib.ExitStack) -> tuple[str, Callable[..., RecordingStatistics]]:
         """Return the name of the source, and a function that records it, with arguments as `Recorder`."""

@@ -42,7 +42,7 @@ class StationOptions(program.Group):
         "--for",
         multiple=True,
         metavar="TARGET",
-        help="Export each unit that passes for a target, in addition to those of the plan.",
+        help="Target for which units that pass are exported, besides the targets of the plan.",
     )
     page: ServedPage = program.group(ServedPage)
     as_json: bool = option.as_json()

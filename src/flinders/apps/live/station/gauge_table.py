@@ -89,7 +89,7 @@ def measured_table(
     units: dict[str, None] = {}
     for row in rows:
         if missing := [name for name in (quantity, part, operator) if name not in row and name != OPERATOR]:
-            raise UsageError(f"the table has no column {missing[0]}: it has {', '.join(filter(None, row))}")
+            raise UsageError(f"the table has no column {missing[0]}: its columns are {', '.join(filter(None, row))}")
         value = _number(row[quantity])
         if math.isfinite(value):
             cells[row.get(part) or "", row.get(operator) or NOBODY].append(value)

@@ -189,7 +189,7 @@ def _refuse_keys(where: str, table: Mapping[str, object], known: tuple[str, ...]
     for key in table:
         if key not in known:
             listed = ", ".join(sorted(known))
-            raise UsageError(f"{where} has no key {key}{did_you_mean(key, known)}: it takes {listed}")
+            raise UsageError(f"{where} has no key {key}{did_you_mean(key, known)}: use one of {listed}")
 
 
 def _refuse_out_of_range(name: str, plan: Plan) -> None:

@@ -30,7 +30,7 @@ class StandardOptions(program.Group):
     )  # fmt: skip
     limit_deg: float | None = program.member(
         "--limit", heading=STANDARD, type=program.angle, metavar="DEG",
-        help="Largest deviation allowed [default: that of the rule, if its text was available].",
+        help="Largest deviation allowed [default: the limit of the rule, if its text was available].",
     )  # fmt: skip
     base_error_deg: float = program.member(
         "--base-error", heading=STANDARD, type=program.number_within(0, 45, "degrees from 0 to 45", zero=True),
@@ -93,7 +93,7 @@ class BoatOptions(program.Group, heading=BOAT):
     )  # fmt: skip
     min_speed: float = program.member(
         "--min-speed", type=program.positive, default=2.0, show_default=True, metavar="M/S",
-        help="Smallest speed over ground of a leg whose course is used.",
+        help="Lowest speed over ground at which the course of a leg is used.",
     )  # fmt: skip
     crab_deg: float = program.member(
         "--crab", type=program.number_within(0, 45, "degrees from 0 to 45", zero=True), default=1.0, show_default=True,
@@ -114,7 +114,10 @@ class KnownHeadings(program.Group):
     )  # fmt: skip
     stationary_s: float = program.member(
         "--stationary", heading=program.RECORDING, type=program.positive, default=2.0, show_default=True, metavar="S",
-        help="Shortest stationary interval in LOG, in s (without a clock: 50 readings; log of a boat: 20 s).",
+        help=(
+            "Shortest stationary interval in LOG, in s. Without a clock it is 50 readings, for the log of a boat 20 "
+            "s."
+        ),
     )  # fmt: skip
 
     @property
@@ -152,7 +155,7 @@ class SwingOptions(program.Group):
     )  # fmt: skip
     step_deg: float = program.member(
         "--step", heading=program.OUTPUT, type=program.number_within(0, 90, "degrees above 0, up to 90"),
-        default=15.0, show_default=True, metavar="DEG", help="Step of the card; by default that of --standard.",
+        default=15.0, show_default=True, metavar="DEG", help="Step of the card [default: the step of --standard].",
     )  # fmt: skip
     force: bool = option.force()
     standard: StandardOptions = program.group(StandardOptions)
@@ -183,12 +186,14 @@ class SwingOptions(program.Group):
         if self.known.headings is not None:
             return
         if self.place.place is not None:
-            raise UsageError("--at converts known headings from true to magnetic: give --headings too, or leave it out")
+            raise UsageError(
+                "--at converts known headings from true to magnetic: give --headings too, or leave --at out"
+            )
         rule = self.standard
         if any((self.output, self.svg, self.sentences, rule.certificate, rule.limit, rule.before)):
             raise UsageError(
                 "without known headings there is no curve: give --headings, or leave -o, --svg, --hdg, --certificate, "
-                "--before and the limit out"
+                "--before and --limit out"
             )
 
     def refuse_of_recording(self) -> None:

@@ -40,8 +40,9 @@ Example:
 \b
 Exit codes:
   0  the curve is good, and turns by 180° change the heading by 180° within the target
-  3  the curve is limited, beyond the limit of a rule or too uncertain for it, or turns by 180° miss the target
-  4  without known headings: a turn by 180° misses the target, or there is none
+  3  the curve is limited, is beyond the limit of a rule, or is too uncertain for that rule;
+     or a turn by 180° changes the heading by another angle, beyond the target
+  4  without known headings: there is no turn by 180°, or it changes the heading by another angle, beyond the target
 """,
 )
 def command(options: SwingOptions) -> int:
@@ -110,7 +111,7 @@ def _table(path: str, options: SwingOptions) -> tuple[SwingTable, SiteField | No
     if table.is_true and place.place is None:
         raise UsageError(f"{path} has true headings: give the place by --at LAT,LON and the day by --date")
     if not table.is_true and place.place is not None:
-        raise UsageError(f"{path} has no true headings: leave --at out, or call its column 'true'")
+        raise UsageError(f"{path} has no true headings: leave --at out, or name the column of true headings 'true'")
     return table, None if place.place is None else site_of(place.place, place.date, model=place.model)
 
 

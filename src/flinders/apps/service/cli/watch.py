@@ -74,8 +74,8 @@ class WatchedSource(program.Group):
             word = self.files[0]
             source = "--serial" if SERIAL_PORT.match(word) else "--replay"
             raise UsageError(
-                f"unexpected argument {word}: name one source, as in flinders watch {source} {word}; - is standard "
-                "input"
+                f"unexpected argument {word}: name one source by its option, as in flinders watch {source} {word}, or "
+                "- for standard input"
             )
         if not named and not self.files:
             from flinders.links.serial_ports import describe_ports
@@ -85,7 +85,7 @@ class WatchedSource(program.Group):
                 "--mavlink LINK, --ros2 TOPIC, --replay LOG, or - for standard input"
             )
         if self.compass != 1 and self.mavlink is None:
-            raise UsageError("--compass goes with --mavlink: leave it out")
+            raise UsageError("--compass goes with --mavlink: leave --compass out")
         self.lines.refuse_with(named)
         if self.lines.unit:
             from flinders.core.units import Unit
@@ -157,7 +157,7 @@ class Watch(program.Group):
     )
     walk: float | None = program.member(
         "--walk", type=program.positive, metavar="RATE",
-        help="Random walk of this unit's offset in an hour, 1 σ, in µT or counts, known within a factor of two.",
+        help="Random walk of this unit's offset in an hour, 1 σ, in µT or counts. A factor of two is exact enough.",
     )  # fmt: skip
     history: str | None = program.member(
         "--history", metavar="HISTORY", help="Estimate the random walk of this unit's offset from an earlier state."
@@ -198,7 +198,7 @@ class Watch(program.Group):
     )  # fmt: skip
     send_interval_s: float = program.member(
         "--send-interval", type=program.positive, default=3600.0, show_default=True, metavar="S",
-        help="Least time between two sendings, s.", heading=program.OUTPUT,
+        help="Shortest time between two calibrations that are sent, in s.", heading=program.OUTPUT,
     )  # fmt: skip
     publish: str | None = program.member(
         "--publish", is_flag=False, flag_value="", metavar="[TOPIC]", heading=program.OUTPUT,
@@ -219,7 +219,9 @@ class Watch(program.Group):
         self.source.check()
         self._check_sending()
         if self.publish is not None and self.source.ros2 is None:
-            raise UsageError("--publish goes with --ros2: leave it out; --adopted and --json serve other programs")
+            raise UsageError(
+                "--publish goes with --ros2: leave --publish out; for other programs use --adopted or --json"
+            )
         if self.walk is not None and self.history is not None:
             raise UsageError("--walk and --history both give the random walk of the offset: leave one out")
         read = [*self.source.files, *filter(None, (self.source.replay, self.calibration, self.history))]
@@ -243,12 +245,12 @@ class Watch(program.Group):
         """Refuse --send for a source that cannot receive calibrations, or without a folder for previous values."""
         if self.send is None:
             if program.is_typed("send_interval_s"):
-                raise UsageError("--send-interval goes with --send: leave it out")
+                raise UsageError("--send-interval goes with --send: leave --send-interval out")
             return
         if self.source.mavlink is None:
             raise UsageError(
-                "--send goes with --mavlink: a board on a wire does not report its previous values, so they could not "
-                "be restored; write calibrations with --adopted, and send one with flinders send"
+                "--send goes with --mavlink: a board on a wire does not report its previous values, so that nobody "
+                "could restore them. Write calibrations with --adopted, and send one with flinders send"
             )
         if not Path(self.send).is_dir():
             raise UsageError(f"--send {self.send}: need an existing folder, for the vehicle's previous values")
@@ -290,7 +292,7 @@ class Watch(program.Group):
         if self.calibration is None:
             return InitialSettings(None, self.axes, self.target_deg, self.dip_deg, **walk)
         if program.is_typed("axes"):
-            raise UsageError("--axes are those of --previous: leave one of them out")
+            raise UsageError("--previous already states the axes: leave --axes or --previous out")
         start = load("watch --previous", self.calibration)
         begun = InitialSettings(start, target_deg=self.target_deg, dip_deg=self.dip_deg, **walk)
         begun.calibration(start.calibration.raw)  # raises before anything is opened
@@ -308,8 +310,8 @@ class Watch(program.Group):
         if (walk := history.walk) is None:
             found = len(history.estimates.time_s)
             raise UsageError(
-                f"{self.history} is too short for a random walk: it has {found} estimates of the offset two hours "
-                f"apart, need {MIN_STEPS + 1}; give a longer one, or --walk"
+                f"{self.history} is too short for a random walk: it has {found} estimates of the offset at intervals "
+                f"of two hours, need {MIN_STEPS + 1}; give a longer history, or the random walk by --walk"
             )
         say(f"{self.history}: the random walk of this unit's offset is {walk}, in {unit_label(history.unit)}")
         return {"walk": walk, "walk_unit": history.unit}
@@ -318,7 +320,7 @@ class Watch(program.Group):
         """Refuse options that contradict the state from which the calibration continues."""
         if program.is_typed("target_deg") and self.target_deg != target_deg:
             raise UsageError(
-                f"--target is {self.target_deg:g}°, but {self.state} has {target_deg:g}°: leave it out, or "
+                f"--target is {self.target_deg:g}°, but {self.state} has {target_deg:g}°: leave --target out, or "
                 "give another state file to begin again"
             )
 

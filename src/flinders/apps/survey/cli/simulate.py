@@ -27,7 +27,7 @@ class CalibrationFlight(program.Group):
         metavar="DEG,…",
         default="0,90,180,270",
         show_default=True,
-        help="Headings that are flown one after the other.",
+        help="Headings to fly, one after the other.",
     )
     seed: int = program.same_as(Simulation, "seed")
     force: bool = option.force()

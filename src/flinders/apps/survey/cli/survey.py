@@ -41,11 +41,11 @@ class Survey(program.Group):
     )  # fmt: skip
     axes: str = program.member(
         "--axes", default="x,y,z", show_default=True, metavar="AXES", heading=program.RECORDING,
-        help="Axes of the magnetometer that are x, y and z of the instrument.",
+        help="Axes of the magnetometer along x, y and z of the instrument.",
     )  # fmt: skip
     acceleration_axes: str | None = program.member(
         "--acceleration-axes", metavar="AXES", heading=program.RECORDING,
-        help="Axes of the accelerometer that are x, y and z of the instrument [default: as --axes].",
+        help="Axes of the accelerometer along x, y and z of the instrument [default: as --axes].",
     )  # fmt: skip
     calibration: str | None = program.member(
         "--previous", metavar="FILE",
@@ -124,7 +124,7 @@ def _check(options: Survey, path: str) -> int:
     typed = [name for name in FIT_OPTIONS if program.is_typed(name)]
     if typed:
         names = ", ".join(f"--{name.removesuffix('_deg').replace('_', '-')}" for name in typed)
-        raise UsageError(f"with --previous nothing is fitted, and the file has the axes: leave {names} out")
+        raise UsageError(f"with --previous nothing is fitted, and its file states the axes: leave {names} out")
     errors, name = check_survey(options.path, path), Path(path).name
     options.outputs.print(
         lambda: {"rms_deg": errors.rms_deg, "shots": errors.as_dict()}, lambda: of_check(errors, name)

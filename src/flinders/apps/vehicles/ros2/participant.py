@@ -64,7 +64,8 @@ class Participant:
         except core.DDSException as error:
             raise LinkError(
                 f"DDS cannot use the network for domain {domain} ({error.msg or error}): see that an interface is up, "
-                f"and that {NETWORK}, where it is set, is a configuration of Cyclone DDS that names one"
+                f"and that the variable {NETWORK}, if it is set, holds a configuration of Cyclone DDS with such an "
+                "interface"
             ) from None
         self._publications: dict[UUID, tuple[str, str]] = {}
 

@@ -178,7 +178,7 @@ class CompassParameters:
         """Raise `UsageError` for a number that no compass of the autopilot has."""
         if compass not in cls.compasses:
             numbers = f"{', '.join(map(str, cls.compasses[:-1]))} and {cls.compasses[-1]}"
-            raise UsageError(f"compass {compass}: {cls.who} keeps parameters of compass {numbers}")
+            raise UsageError(f"compass {compass}: {cls.who} has parameters for compass {numbers}")
 
     @classmethod
     def symmetric(cls, calibration: Calibration, compass: int) -> Floats:
@@ -274,7 +274,8 @@ class ParameterFile:
             raise DocumentError(f"{source}: holds compass {numbers}: choose one", hint={"compass": None})
         if compass is not None and compass not in there:
             raise DocumentError(
-                f"{source}: holds compass {numbers} and not {compass}: check which one is meant", hint={"compass": None}
+                f"{source}: has no compass {compass}, only compass {numbers}: choose one of these",
+                hint={"compass": None},
             )
         return self.kind.read(values, there[0] if compass is None else compass)
 

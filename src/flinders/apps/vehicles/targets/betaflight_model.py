@@ -277,7 +277,7 @@ def _length(correction: EllipsoidCorrection, source: str) -> float:
         determinant = abs(float(np.linalg.det(to_floats(correction.soft_iron))))
     if not 0.0 < determinant < MAX_NUMBER:
         raise DocumentError(
-            f"{source}: soft_iron has a determinant of {determinant:.2g}: need one that corrects all three axes"
+            f"{source}: soft_iron has a determinant of {determinant:.2g}: need a matrix that corrects all three axes"
         )
     return correction.radius / float(determinant ** (1 / 3))
 
@@ -311,7 +311,7 @@ def _model(content: bytes, source: str) -> Model:
     if version != VERSION:
         raise DocumentError(
             f"{source}: schema version is {version!r}, need {VERSION!r}, which the full calibration of Betaflight "
-            "Configurator exports: run that, and export its model"
+            "Configurator exports: run that calibration, and export its model"
         )
     if fields.get("ellipsoid_correction") is None:
         raise DocumentError(f"{source}: has no ellipsoid_correction: run the full calibration, then export its model")
@@ -336,7 +336,7 @@ def _in_proposed_axes(model: Model, source: str) -> tuple[Floats, Floats]:
     if not min(off) <= MAX_OFFSET_DIFFERENCE:
         raise DocumentError(
             f"{source}: hard_iron is {figures(min(off), 3)} counts from the center in the axes of alignment, need "
-            f"{MAX_OFFSET_DIFFERENCE:.0f} or less: one of them was changed, export the model again"
+            f"{MAX_OFFSET_DIFFERENCE:.0f} or less: hard_iron or center was changed; export the model again"
         )
     if max(off) <= MAX_OFFSET_DIFFERENCE and not np.array_equal(captured, np.eye(3)):
         raise DocumentError(

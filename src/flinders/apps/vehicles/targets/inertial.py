@@ -84,7 +84,7 @@ def _digit(asked: Asked) -> str:
     """Digit of an IMU in names such as INS_ACC2OFFS_X; none for the first."""
     number = 1 if asked.imu is None else asked.imu
     if number not in (1, 2, 3):
-        raise UsageError(f"IMU {number}: ArduPilot's parameters are those of IMU 1, 2 and 3")
+        raise UsageError(f"IMU {number}: ArduPilot has parameters for IMU 1, 2 and 3")
     return "" if number == 1 else str(number)
 
 
@@ -120,7 +120,7 @@ def _px4_number(asked: Asked) -> int:
     """Number of the IMU; `UsageError` unless it is 0 to 3."""
     number = 0 if asked.imu is None else asked.imu
     if number not in range(4):
-        raise UsageError(f"IMU {number}: PX4's parameters are those of IMU 0 to 3")
+        raise UsageError(f"IMU {number}: PX4 has parameters for IMU 0 to 3")
     return number
 
 

@@ -92,8 +92,8 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
     turned = [name for name in SIGNS if defines.get(name, "1").strip() not in {"1", "+1"}]
     if turned:
         raise DocumentError(
-            f"{source}: {turned[0]} is {defines[turned[0]]}: the order of the sign and the numbers is "
-            "unknown; use the axes of IMU_MAG_RAW, and define no sign but 1"
+            f"{source}: {turned[0]} is {defines[turned[0]]}, and it is not known whether the sign applies before or "
+            "after the numbers: use the axes of IMU_MAG_RAW, and define no sign but 1"
         )
     neutral = parse_counts(defines, NEUTRALS, source, between=(LOWEST, HIGHEST))
     sensitivity = numbers(defines, SENSITIVITIES, source)

@@ -299,7 +299,7 @@ def mounting(rotation: int) -> Floats:
         return np.eye(3)
     if not 0 <= rotation < len(MOUNTINGS):
         raise UsageError(
-            f"rotation {rotation} is not known: it is 0 (NONE) to {len(MOUNTINGS) - 1} ({MOUNTINGS[-1][0]}), "
+            f"rotation {rotation} is not known: need 0 (NONE) to {len(MOUNTINGS) - 1} ({MOUNTINGS[-1][0]}), "
             f"or {INTERNAL} for a compass on the board"
         )
     return euler(*MOUNTINGS[rotation][1:])

@@ -192,7 +192,7 @@ const WORDS = {
     rings: ({ unobserved }) => (unobserved === 1 ? ", as for two rings of readings" : ""),
     where_flat: whereFlat,
     plane_axes: ({ plane }) => [...plane].join(" and "),
-    where_placed: ({ is_placed: isPlaced }) => (isPlaced ? "and in z by the site's field" : "only"),
+    where_placed: ({ is_placed: isPlaced }) => (isPlaced ? "and, with the field of the site, z" : "only"),
     assumed: ({ is_placed: isPlaced, z_down: zDown }) =>
         isPlaced ? ` (with ${zDown ? "z down, and " : ""}the floor level unless an accelerometer was recorded)` : "",
     where_z_points: ({ z_down: zDown }, { said }) => (Number.isNaN(zDown) ? said["z-open"] : zDown ? "" : said["z-elsewhere"]),
@@ -342,8 +342,8 @@ function lagWords({ late_axis: axis, late_by: by, is_timed: isTimed }) {
 
 /** @param {Values} values */
 function swapWords({ swapped_axes: axes, swap_row: row, swap_count: count }) {
-    const what = axes.length === 1 ? `the sign of ${axes} turned` : `${axes[0]} and ${axes[1]} changed places`;
-    const repeatWords = count > 1 ? ` and back and forth, ${countWords(count - 1, "time")} more` : "";
+    const what = axes.length === 1 ? `the sign of ${axes} changed` : `${axes[0]} and ${axes[1]} changed places`;
+    const repeatWords = count > 1 ? `, and again ${countWords(count - 1, "time")}` : "";
     return `${groupText(row)} on, ${what}${repeatWords}`;
 }
 

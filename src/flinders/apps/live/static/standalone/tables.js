@@ -549,7 +549,7 @@ export class Tables {
             const counts = countKeys(rows.map((row) => this.wordOf(row[place])));
             const often = [...counts.keys()].filter((word) => word && (counts.get(word) ?? 0) >= MIN_READINGS);
             if (often.length < 2 || counts.size > MAX_DEVICES) continue;
-            throw new Several(`column ${name.trim()} says which sensor each line is of (${often.join(", ")}): keep the lines of one; ${MORE_WITH}`);
+            throw new Several(`column ${name.trim()} names the sensor of each line (${often.join(", ")}): keep the lines of one; ${MORE_WITH}`);
         }
     }
 
