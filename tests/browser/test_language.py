@@ -76,7 +76,7 @@ def test_the_page_speaks_german_one_sentence_at_a_time(visitor: Visitor) -> None
     assert {(each["lang"], each["at_once"]) for each in spoken} == {("de-DE", 1)}
     assert any(each["text"].startswith("Drehung fertig.") for each in spoken)
     page.locator("#finish").click()
-    expect(page.locator("#verdict-words")).to_contain_text("Kurse sind auf 0,")
+    expect(page.locator("#verdict-words")).to_contain_text("Kurse sind in jeder Lage auf 0,")
     expect(page.locator("#findings")).to_contain_text("Wie der Sensor gegen das Fahrzeug gedreht ist")
     page.locator("#export-target").select_option("json")
     expect(page.locator("#preview")).to_contain_text('"field_strength_known": false')
