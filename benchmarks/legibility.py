@@ -63,7 +63,7 @@ def _words(path: Path, value: ast.expr) -> str:
 def sentences(path: Path) -> Iterator[str]:
     """Sentences of a page, outside of code and tables."""
     text = re.sub(r"^```.*?^```$|<!--.*?-->", "", path.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
-    text = re.sub(r"^[|#!].*$", "", text, flags=re.MULTILINE)
+    text = re.sub(r"^ *[|#!].*$", "", text, flags=re.MULTILINE)
     for line in text.splitlines():
         for sentence in re.split(r"(?<=[.:?!]) (?=[A-Z`])", line.strip(" -")):
             if len(sentence.split()) >= MIN_WORDS:

@@ -114,6 +114,13 @@ def tumble(seed: int, header: str = NAMED, **options: object) -> Maker:
     return written
 
 
+def counts(path: Path) -> None:
+    """A recording of a sensor with steps of 0.15 µT, as its registers hold it."""
+    seen = simulate.tumble(seed=7, n=600, motion="hand", sensor=SENSOR).samples
+    rows = np.column_stack([100 * np.arange(600), np.round(seen.field / 0.15)]).astype(int)
+    path.write_text("ms,mx_raw,my_raw,mz_raw\n" + "\n".join(",".join(map(str, row)) for row in rows), encoding="utf-8")
+
+
 def turn(axes: str, header: str = "x_uT,y_uT,z_uT") -> Maker:
     """A sensor that is turned once around in the plane of two axes; all three, or those two after a column of time."""
 
@@ -357,6 +364,7 @@ FILES: Final[dict[str, Maker]] = {
     "flight.bin calibration.json": of_commands("calibrate flight.bin --sensor 1 -o {}"),
     "--scalar box.csv": with_scalar(1),
     "--scalar lines.csv": with_scalar(2),
+    "--chip log.csv": counts,
     "--columns log.csv": turn("xy", "t,hx,hy"),
     "--columns yz.csv": turn("yz", "t,hy,hz"),
     "monday.csv": tumble(11, PLAIN),

@@ -93,10 +93,10 @@ def with_placeholders(text: str) -> str:
     """
     from flinders import __version__  # not before the threads of NumPy are limited, by tests/conftest.py
 
+    text = text.replace(str(RECORDINGS), "<data>").replace(str(TESTS.parent), "<project>")
     for folder in TEMPORARY:
         of_pytest = r"(?:pytest-of-[^/\s]+/pytest-\d+/(?:popen-gw\d+/)?)?"
         text = re.sub(rf"(?<!\w){re.escape(folder)}/{of_pytest}[\w.-]+", "<tmp>", text)
-    text = text.replace(str(RECORDINGS), "<data>").replace(str(TESTS.parent), "<project>")
     text = re.sub(r"(\blocalhost:|127\.0\.0\.1:|\[::1\]:|\bport )\d{4,5}\b", r"\1<port>", text)
     text = re.sub(r"(?<=/dev/pts/)\d+", "<number>", text)
     text = re.sub(r"\bflinders-[a-z0-9_]{8}\b", "flinders-<random>", text)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from functools import partial
+from itertools import groupby
 from typing import TYPE_CHECKING
 
 import click
@@ -21,6 +22,7 @@ from flinders.estimators import table
 from flinders.readers import registry as readers
 from flinders.report.chip_pages import markdown
 from flinders.targets import registry
+from flinders.targets._target import GROUPS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -74,6 +76,7 @@ def test_the_page_of_chips_is_made_from_their_table(request: pytest.FixtureReque
 PAGE = DOCS / "targets.md"
 LIVE = re.compile(r"(?<=<!-- made from the rows -->\n```console\n)\$ (flinders [^\n]+)\n.*?(?=```\n)", re.DOTALL)
 REFUSING = re.compile(r"(?<=<!-- refusing -->).*?(?=<!-- end -->)")
+OVERVIEW = re.compile(r"(?<=<!-- overview of the rows -->\n).*?(?=<!-- end of the overview -->)", re.DOTALL)
 SECTION = re.compile(r"^## [^\n]*`([^`\n]+)`\n\n(.*?)^\| \| \|\n.*?(?=^## )", re.MULTILINE | re.DOTALL)
 
 
@@ -101,6 +104,19 @@ def section(row: Target, words: str) -> str:
     return f"## {row.use}: `{row.name}`\n\n{words}{table}\n\n{shown}\n\n"
 
 
+def overview() -> str:
+    """Table of the groups: what somebody has, and the targets for it, each with a link to its section or page."""
+    lines = ["| you have | targets |", "|---|---|"]
+    for group, members in groupby(registry().values(), key=lambda row: row.group):
+        names = ", ".join(f"[`{row.name}`]({place_of(row)})" for row in members)
+        lines.append(f"| {GROUPS[group]} | {names} |")
+    return "\n".join(lines) + "\n"
+
+
+def place_of(row: Target) -> str:
+    return f"#{anchor(f'{row.use}: {row.name}')}" if row.docs == PAGE.name else row.docs
+
+
 def made_from_the_rows(text: str) -> str:
     """The page with its lists, tables and sessions made anew."""
     found = list(SECTION.finditer(text))
@@ -108,7 +124,8 @@ def made_from_the_rows(text: str) -> str:
     sections = "".join(section(row, words.get(row.name, "")) for row in ROWS)
     text = text[: found[0].start()] + sections + text[found[-1].end() :]
     refusing = ", ".join(f"`{row.name}`" for row in registry().values() if row.refuses_mounted)
-    return LIVE.sub(lambda one: session(one[1]), REFUSING.sub(refusing, text))
+    text = OVERVIEW.sub(lambda _: overview(), REFUSING.sub(refusing, text))
+    return LIVE.sub(lambda one: session(one[1]), text)
 
 
 def test_the_page_has_what_the_rows_say(request: pytest.FixtureRequest) -> None:
@@ -117,6 +134,7 @@ def test_the_page_has_what_the_rows_say(request: pytest.FixtureRequest) -> None:
     made = made_from_the_rows(text)
     assert len(LIVE.findall(text)) == 2
     assert REFUSING.search(text)
+    assert OVERVIEW.search(text)
     if request.config.getoption("--regenerate", default=False):
         PAGE.write_text(made, encoding="utf-8")
     else:

@@ -61,8 +61,8 @@ def test_a_mistyped_option_is_answered_with_one_option_and_the_help_of_its_comma
     assert_sentences(ended.stderr)
 
 
-def test_the_name_of_a_chip_is_given_to_the_command_that_looks() -> None:
-    ended = CliRunner().invoke(main, ["calibrate", "tumble.csv", "--chip", "HMC5883L"])
+def test_the_name_of_a_chip_is_given_to_a_command_that_reads_counts() -> None:
+    ended = CliRunner().invoke(main, ["record", "-o", "tumble.csv", "--chip", "HMC5883L"])
     assert ended.exit_code == 2
     assert_sentences(ended.stderr)
 

@@ -8,7 +8,7 @@ import pytest
 from tests.sentences import assert_raises
 
 from flinders.core.axes import Axes
-from flinders.core.chips import Chip, chip_of_device, chips, chips_named_in, find_chip
+from flinders.core.chips import Chip, ChipReading, chip_of_device, chips, chips_named_in, find_chip
 from flinders.errors import UsageError
 from flinders.readers._names import is_chip
 
@@ -47,6 +47,8 @@ def test_a_stated_range_fits_into_the_words(chip: Chip) -> None:
 @ALL
 def test_the_mapping_of_axes_can_be_given(chip: Chip) -> None:
     assert bool(chip.axes) == bool(chip.axes_are)
+    assert bool(chip.axes) or not chip.axes_in
+    assert set(chip.axes_in) <= set(chip.also)
     if chip.axes:
         assert str(Axes.of(chip.axes)) == chip.axes
 
@@ -93,3 +95,39 @@ def test_a_device_id_names_its_chip() -> None:
     assert str(chip_of_device(73225, "ardupilot")) == "HMC5883L"
     assert str(chip_of_device(589858, "px4")) == "AK09916"
     assert chip_of_device(0x880000, "px4") is None
+
+
+@ALL
+def test_each_setting_of_a_chip_can_be_named(chip: Chip) -> None:
+    for setting in chip.settings:
+        assert ChipReading.of(f"{chip}:{setting.name}").setting.counts_ut == setting.counts_ut
+
+
+@pytest.mark.parametrize(
+    ("text", "lsb_ut", "axes"),
+    [
+        ("HMC5883L", 0.0917431, "x,y,z"),
+        ("hmc5883l:8.1", 0.4347826, "x,y,z"),
+        ("QMC5883L:8G", 0.0333333, "x,y,z"),
+        ("mpu9250:16 bits", 0.15, "y,x,-z"),
+        ("AK8963:16bits", 0.15, ""),
+        ("MMC5603", 0.00625, ""),
+        ("BMX055", 0.0625, "-y,x,z"),
+        ("MMC5983MA:16bits", 0.0244141, ""),
+        ("VCM5883", 0.0333333, "x,-y,z"),
+    ],
+)
+def test_a_chip_gives_its_count_and_axes(text: str, lsb_ut: float, axes: str) -> None:
+    reading = ChipReading.of(text)
+    assert reading.setting.lsb_ut == lsb_ut
+    assert reading.axes == axes
+
+
+@pytest.mark.parametrize("text", ["AK8963", "IST8310", "HMC5883L:", "HMC5883L:9G", "HMC5883L:1", "HMC5883M:8G"])
+def test_a_setting_that_is_not_clear_is_refused(text: str) -> None:
+    with assert_raises(UsageError):
+        ChipReading.of(text)
+
+
+def test_readings_in_a_unit_need_no_setting() -> None:
+    assert ChipReading.of("MPU-9250", is_in_counts=False).axes == "y,x,-z"

@@ -20,6 +20,7 @@ from flinders.cli import main
 from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
 from flinders.targets import registry
+from flinders.targets._target import GROUPS
 
 if TYPE_CHECKING:
     from click.testing import Result
@@ -136,16 +137,42 @@ def test_what_is_too_large_to_be_a_file_of_parameters_is_not_read() -> None:
 def test_the_list_has_every_target_with_what_it_holds() -> None:
     ended = run("targets")
     assert ended.exit_code == 0
-    lines = ended.stdout.splitlines()[2:]
-    assert [line.split()[0] for line in lines[: len(registry())]] == list(registry())
-    starred = [line.split()[0] for line in lines if line.split()[1] == "*"]
-    assert starred == [name for name, row in registry().items() if row.unverified]
+    _, _, *lines = ended.stdout.splitlines()
+    rows = [line.split() for line in lines if line.startswith("  ") and line[2] != " "][: len(registry())]
+    assert [name for name, *_ in rows] == list(registry())
+    assert [line for line in lines if line in GROUPS] == list(dict.fromkeys(row.group for row in registry().values()))
+    assert [name for name, star, *_ in rows if star == "*"] == [
+        row.name for row in registry().values() if row.unverified
+    ]
     below = " ".join(" ".join(lines[len(registry()) :]).split())
     assert all(clause in below for row in registry().values() for clause in row.unverified)
     assert all(len(line) <= 80 for line in ended.stdout.splitlines())
     told = json.loads(run("targets", "--json").stdout)
     assert set(told) == set(registry())
     assert told["vectornav"]["import"] is True
+    assert {row["group"] for row in told.values()} <= set(GROUPS)
+
+
+@pytest.mark.parametrize(
+    ("word", "names"),
+    [
+        ("px4", ["px4", "px4-shell"]),
+        ("ROS mount", ["urdf", "static-transform"]),
+        ("python", ["micropython", "fusion-python"]),
+        ("autopilot", ["ardupilot", "px4", "px4-shell", "betaflight", "betaflight-model", "inav", "paparazzi"]),
+    ],
+)
+def test_a_word_selects_targets_by_name_form_and_group(word: str, names: list[str]) -> None:
+    assert list(json.loads(run("targets", word, "--json").stdout)) == names
+    shown = run("targets", word).stdout
+    assert all(f"  {name} " in shown for name in names)
+
+
+@pytest.mark.parametrize("word", ["ardpilot", "pixhalk"])
+def test_a_word_of_no_target_is_refused(word: str) -> None:
+    ended = run("targets", word)
+    assert ended.exit_code == 2
+    assert_sentences(ended.stderr)
 
 
 # export

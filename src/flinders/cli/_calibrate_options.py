@@ -353,7 +353,7 @@ class Calibrate(program.Group):
     """Recordings, options for reading and fitting them, and output files."""
 
     recordings: tuple[str, ...] = program.argument("RECORDING...", nargs=-1, required=False)
-    reading: option.ReadingOptions = program.group(option.ReadingOptions)
+    reading: option.ReadingByChip = program.group(option.ReadingByChip)
     sensors: Sensors = program.group(Sensors)
     site: SiteOptions = program.group(SiteOptions)
     aiding: AidingOptions = program.group(AidingOptions)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import click
 
+from flinders.cli._output import say
 from flinders.cli._program import (
     AIDING,
     METHOD,
@@ -17,15 +18,17 @@ from flinders.cli._program import (
     angle,
     flag,
     inclination,
+    is_typed,
     member,
     positive,
     single_value,
 )
+from flinders.cli._spelling import take_from, taken_options
 from flinders.errors import UsageError
 from flinders.links.serial_ports import ANY_PORT
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Collection, Sequence
 
     from flinders.core.geomag import FieldModel
     from flinders.heading.smoothing import Filter
@@ -206,7 +209,8 @@ class LinesOptions(ColumnsOptions):
         ``--unit`` is allowed for a ROS 2 topic, whose values may be in another unit than its type states.
         """
         source = next((name for name in sources if name in ("--mavlink", "--ros2", "--simulate")), None)
-        wrong = [name for name in self.typed_options() if (source, name) != ("--ros2", "--unit")]
+        typed = [name for name in self.typed_options() if name.removeprefix("--") not in taken_options()]
+        wrong = [name for name in typed if (source, name) != ("--ros2", "--unit")]
         if source is not None and wrong:
             raise UsageError(f"{', '.join(wrong)} goes with lines and recordings: the unit of {source} is known")
 
@@ -246,6 +250,55 @@ class PartOfColumns(PartOptions, ColumnsOptions):
 
 class ReadingOptions(PartOptions, AxesOptions, UnitsOptions, ColumnsOptions):
     """Options for reading a recording: the arguments of `flinders.open_recording`."""
+
+
+def chip() -> Field:
+    """``--chip``."""
+    return member(
+        "--chip", metavar="NAME", heading=RECORDING,
+        help="Chip, or chip:setting, as flinders chips lists them: sets --scale, and --axes if known.",
+    )  # fmt: skip
+
+
+class ReadingByChip(ReadingOptions):
+    """Options for reading a recording, whose count and axes may be those of a chip."""
+
+    chip: str | None = chip()
+
+    @classmethod
+    def from_values(cls, values: dict[str, Any]) -> Self:
+        """Take the values of this group, with those of the chip."""
+        return super().from_values(with_chip(values))
+
+    def as_dict(self, *, if_typed: Sequence[str] = ()) -> dict[str, Any]:
+        """The arguments of `flinders.open_recording`."""
+        return {name: value for name, value in super().as_dict(if_typed=if_typed).items() if name != "chip"}
+
+
+def with_chip(values: dict[str, Any]) -> dict[str, Any]:
+    """Values of a command with the scale and axes of ``--chip``, and a notice of what was taken.
+
+    Raises `UsageError` for a chip or setting that is not known, with ``--scale``, and if the chip sets nothing.
+    """
+    if values["chip"] is None:
+        return values
+    from flinders.core.chips import SAME_AXES, ChipReading
+    from flinders.core.units import COUNTS, Unit
+
+    is_in_counts = values["unit"] is None or Unit.of(values["unit"]).name == COUNTS
+    reading = ChipReading.of(values["chip"], is_in_counts=is_in_counts)
+    if values["scale"] is not None:
+        raise UsageError("--chip and --scale both say how much a count is: give one of them")
+    are_axes_typed = is_typed("axes")
+    taken: dict[str, Any] = {"scale": reading.setting.lsb_ut} if is_in_counts else {}
+    taken |= {} if are_axes_typed or reading.axes in ("", SAME_AXES) else {"axes": reading.axes}
+    words = [reading.count_words] * is_in_counts + [reading.axes_words] * (not are_axes_typed)
+    if not taken:
+        raise UsageError("; ".join([f"--chip sets nothing: --unit is {values['unit']}", *words, "leave it out"]))
+    named = reading.chip.name if reading.name == reading.chip.name else f"{reading.name}, {reading.chip}"
+    say(f"chip {named}: {'; '.join(words)}")
+    take_from("chip", taken)
+    return {**values, **taken}
 
 
 class Place(Group, heading=SITE):

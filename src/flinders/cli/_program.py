@@ -33,7 +33,7 @@ from flinders.cli._misuse import misuse_message, unexpected_argument
 from flinders.cli._output import Output, Outputs, error_words, print_fit, print_json, say
 from flinders.cli._process import prepare_streams, silence_stdout, spare_imports_from_gc
 from flinders.cli._signals import STOP_SIGNALS, handle_signals, interrupt
-from flinders.cli._spelling import in_options, searched_commands
+from flinders.cli._spelling import hints_of_typed_options, in_options, searched_commands
 from flinders.core.files import reason_and_remedy
 from flinders.core.language import ENGLISH, ENGLISH_CODE, TERMINAL_LANGUAGE, language_of
 from flinders.errors import FitError, FlindersError, OutputError, UsageError
@@ -454,7 +454,8 @@ def command_of(
     def decorate(function: Callable[[Options], int | None]) -> click.Command:
         @wraps(function)
         def called(**values: Any) -> int | None:
-            return function(kind.from_values(values))
+            with hints_of_typed_options():
+                return function(kind.from_values(values))
 
         made: click.Command = parent.command(name, cls=cls, params=list(kind.parameters()), **attributes)(called)
         return made

@@ -10,16 +10,22 @@ A keyword argument of Python corresponds to the option whose parameter has its n
 
 from __future__ import annotations
 
+import contextlib
 import shlex
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import click
 
+from flinders.errors import FlindersError
+
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from flinders.errors import Hint
+
+TAKEN: Final = "flinders.cli.taken"
+"""Key of the context for options whose values were taken from another one, by name."""
 
 
 def in_options(hint: Hint, commands: Sequence[click.Command] | None = None) -> str:
@@ -48,6 +54,28 @@ def searched_commands(command: click.Command, program: click.Command) -> tuple[c
     """The commands that are searched for the options of a hint: `command`, and ``calibrate``."""
     calibrate = program.commands.get("calibrate") if isinstance(program, click.Group) else None
     return (command,) if calibrate is None else (command, calibrate)
+
+
+def take_from(keyword: str, names: Iterable[str]) -> None:
+    """Note that the values of some options were taken from another one, which hints are to name in their place."""
+    click.get_current_context().meta[TAKEN] = dict.fromkeys(names, keyword)
+
+
+def taken_options() -> Mapping[str, str]:
+    """Options whose values were taken from another one, and that one, by the names of their parameters."""
+    context = click.get_current_context(silent=True)
+    return context.meta.get(TAKEN, {}) if context else {}
+
+
+@contextlib.contextmanager
+def hints_of_typed_options() -> Iterator[None]:
+    """In the hint of an error, name the typed option in place of one whose value was taken from it."""
+    try:
+        yield
+    except FlindersError as error:
+        taken = taken_options()
+        error.hint = {taken.get(name, name) if value is None else name: value for name, value in error.hint.items()}
+        raise
 
 
 def option_of(keyword: str, command: click.Command) -> click.Option | None:

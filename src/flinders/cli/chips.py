@@ -10,7 +10,7 @@ from flinders.cli._output import print_result
 class Chips(program.Group):
     """Which chip, and how it is printed."""
 
-    name: str | None = program.argument("NAME", required=False)
+    name: str | None = program.argument("[NAME]", required=False)
     as_json: bool = option.as_json()
 
 

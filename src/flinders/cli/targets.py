@@ -57,8 +57,9 @@ def _compasses(rows: Iterable[Target]) -> str:
 
 
 class Targets(program.Group):
-    """Format of the list."""
+    """Which targets, and the format of the list."""
 
+    word: str | None = program.argument("[WORD]", required=False)
     as_json: bool = option.as_json()
 
 
@@ -68,27 +69,23 @@ class Targets(program.Group):
     epilog="""\b
 Example:
   flinders targets
+  flinders targets ros
   flinders export --for arduino calibration.json -o mag.ino
 """,
 )
 def command(options: Targets) -> None:
     """List the targets of `flinders export`: what each one can store, its unit, and whether it can be imported.
 
+    They are grouped by what you have. With WORD, those with that word in their name, written form or group.
+
     A star marks a fact that could not be verified in any source; lines below the table name the facts.
 
     With --json also the formula, the axes, the storage of numbers, and the sources of these facts.
     """
-    print_targets(as_json=options.as_json)
-
-
-def print_targets(*, as_json: bool) -> None:
-    """Print the table of targets."""
     from flinders.report.comparison_pages import page_of_targets
-    from flinders.targets import registry
+    from flinders.targets import registry, search
 
-    rows = registry()
+    rows = tuple(registry().values()) if options.word is None else search(options.word)
     print_result(
-        lambda: {name: row.as_dict() for name, row in rows.items()},
-        lambda: page_of_targets(rows.values()),
-        as_json=as_json,
+        lambda: {row.name: row.as_dict() for row in rows}, lambda: page_of_targets(rows), as_json=options.as_json
     )

@@ -18,7 +18,7 @@ from dataclasses import asdict, dataclass
 from difflib import get_close_matches
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal, Self
 
 from flinders.errors import UsageError
 
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 TABLE: Final = Path(__file__).with_name("chips.toml")
+SAME_AXES: Final = "x,y,z"
+"""Mapping of a chip whose registers have the stated axes already."""
 DEVICE_TYPE_BIT: Final = 16
 """Lowest of the 8 bits that name the chip in a device id of ArduPilot and PX4."""
 MAX_SUGGESTIONS: Final = 3
@@ -43,6 +45,11 @@ class ChipSetting:
     zero: int = 0  # counts: the reading in zero field
     is_usual: bool = False  # whether a driver among the sources selects it, other than that after power-on
 
+    @property
+    def counts_ut(self) -> tuple[float, float | None]:
+        """µT of a count of x and y, and of z."""
+        return self.lsb_ut, self.lsb_z_ut
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Chip:
@@ -57,6 +64,7 @@ class Chip:
     noise_at: str = ""  # setting of that noise
     axes: str = ""  # mapping of its registers as ``--axes`` takes it; empty if no source states one
     axes_are: str = ""  # axes that the mapping leads to
+    axes_in: tuple[str, ...] = ()  # packages with those axes; empty if the axes are of the chip itself
     traps: tuple[str, ...] = ()  # known mistakes, a sentence each
     sources: tuple[str, ...] = ()  # documents and drivers that have these values
     ardupilot: tuple[int, ...] = ()  # its types in device ids of ArduPilot
@@ -68,6 +76,67 @@ class Chip:
 
     def __str__(self) -> str:
         return self.name
+
+
+@dataclass(frozen=True, slots=True)
+class ChipReading:
+    """How the readings of a chip are read: the µT of a count, and the mapping of axes.
+
+    >>> reading = ChipReading.of("MPU-9250:16 bits")
+    >>> reading.setting.lsb_ut, reading.axes
+    (0.15, 'y,x,-z')
+    >>> ChipReading.of("RM3100").setting.lsb_ut, ChipReading.of("RM3100").axes
+    (0.0133, '')
+    """
+
+    name: str  # as it was given: the chip, or a package that holds it
+    chip: Chip
+    setting: ChipSetting
+    axes: str  # mapping as ``--axes`` takes it; empty if the table has none for that name
+
+    @classmethod
+    def of(cls, text: str, *, is_in_counts: bool = True) -> Self:
+        """Find chip and setting by a text: a name, or a name and a setting, such as ``QMC5883L:8G``.
+
+        Without a setting it is that after power-on. Raises `UsageError` for a chip or setting that the table lacks. For
+        readings in counts it is raised too if drivers select another setting than that after power-on, and the text
+        has none.
+        """
+        name, colon, wanted = (part.strip() for part in text.partition(":"))
+        chip = find_chip(name)
+        if colon:
+            setting = _setting_named(chip, name, wanted)
+        elif is_in_counts and _is_set_by_drivers(chip):
+            raise UsageError(
+                f"a count of {chip} depends on its setting, and drivers select another one than that after power-on: "
+                f"name one of {_settings_words(chip)}",
+                hint={"chip": f"{name}:{_short_name(chip.settings[-1])}"},
+            )
+        else:
+            setting = chip.settings[0]
+        is_for_name = not chip.axes_in or _letters_and_digits(name) in map(_letters_and_digits, chip.axes_in)
+        return cls(name, chip, setting, chip.axes if is_for_name else "")
+
+    @property
+    def count_words(self) -> str:
+        """µT of a count in words, with the setting, and that of z if it differs."""
+        setting, z_ut = self.setting, self.setting.lsb_z_ut
+        which = "" if setting.name == "fixed" else f", setting {setting.name}"
+        which += " as after power-on" if which and setting is self.chip.settings[0] else ""
+        z = "" if z_ut is None else f"; z {z_ut:.6g} µT, which only a fit with a matrix corrects"
+        return f"{setting.lsb_ut:.6g} µT in a count{which}{z}"
+
+    @property
+    def axes_words(self) -> str:
+        """Mapping of axes in words, or why there is none."""
+        chip = self.chip
+        if self.axes == SAME_AXES:
+            return f"axes as recorded, which are {chip.axes_are}"
+        if self.axes:
+            return f"axes {self.axes} for {chip.axes_are}"
+        if chip.axes_in:
+            return f"axes as recorded: {chip.axes} is for {' or '.join(chip.axes_in)}, which was not named"
+        return f"axes as recorded: the table has none for {chip}"
 
 
 def chips() -> tuple[Chip, ...]:
@@ -119,6 +188,47 @@ def chip_of_device(device_id: int, autopilot: Literal["ardupilot", "px4"]) -> Ch
     """Return the chip that a device id of an autopilot names; None if the table lacks its type."""
     kind = device_id >> DEVICE_TYPE_BIT & 0xFF
     return next((chip for chip in chips() if kind in getattr(chip, autopilot)), None)
+
+
+def _is_set_by_drivers(chip: Chip) -> bool:
+    """Whether drivers select a setting with another count than that after power-on."""
+    return any(each.is_usual and each.counts_ut != chip.settings[0].counts_ut for each in chip.settings)
+
+
+def _setting_named(chip: Chip, name: str, wanted: str) -> ChipSetting:
+    """Return the setting of a chip whose name is some text, or begins with it."""
+    key = _key_of_setting(wanted)
+    named = {each: _key_of_setting(each.name) for each in chip.settings}
+    found = [each for each, own in named.items() if own == key] or [
+        each for each, own in named.items() if key and own.startswith(key)
+    ]
+    if len({each.counts_ut for each in found}) != 1:
+        problem = "names several settings" if found else "names no setting"
+        raise UsageError(
+            f"{wanted!r} {problem} of {chip}: use one of {_settings_words(chip)}",
+            hint={"chip": f"{name}:{_short_name(chip.settings[0])}"},
+        )
+    return found[0]
+
+
+def _settings_words(chip: Chip) -> str:
+    """Settings of a chip with different counts, each with its µT."""
+    counts = {each.counts_ut: each for each in reversed(chip.settings)}
+    return ", ".join(f"{each.name} ({each.lsb_ut:.3g} µT)" for each in reversed(counts.values()))
+
+
+def _short_name(setting: ChipSetting) -> str:
+    """Write the name of a setting in letters, digits and points alone: ``1.3G`` for ±1.3 G."""
+    return re.sub(r"[^A-Za-z0-9.]", "", setting.name)
+
+
+def _key_of_setting(name: str) -> str:
+    """Write the name of a setting in lower case, letters, digits and points alone.
+
+    >>> _key_of_setting("±1.3 G"), _key_of_setting("16 bits (CNTL3)")
+    ('1.3g', '16bitscntl3')
+    """
+    return re.sub(r"[^a-z0-9.]", "", name.casefold())
 
 
 @lru_cache(maxsize=1)

@@ -120,6 +120,6 @@ def fit_alone(field: Floats) -> Estimate | None:
 
 METHOD: Final = Method(
     Auto,
-    use="the default: likelihood, or robust if residuals show outliers; consistent if there are only sums",
+    use="the default: likelihood, robust if residuals show outliers, or consistent if there are only sums",
     source="the likelihood, after `robust` if residuals show outliers",
 )

@@ -100,6 +100,6 @@ class Ellipse:
 
 METHOD: Final = Method(
     Ellipse,
-    use="least-squares ellipse of one plane, for uneven turns and arcs; a sweep of any axis",
+    use="least-squares ellipse of one plane, for uneven turns and arcs about any axis",
     source="the likelihood in a plane",
 )

@@ -162,7 +162,7 @@ def corrected_length(half: Floats, variant: Variant) -> float:
 
 METHOD: Final = Method(
     MinMax,
-    use="the recipe of the tutorials, from the extremes of each axis: same results as a sketch",
+    use="the recipe of the tutorials, from the extremes of each axis: numbers of a sketch",
     source="Winer, wiki of kriswiner/MPU6050",
     is_recipe=True,
 )

@@ -110,8 +110,8 @@ ROWS: Final = (
     CatalogueRow(
         code="aids-disagree",
         affects="use",
-        number="error of the gyro's scales in a fit with an aid, where a fit without it finds none",
-        action="leave that aid out: an accelerometer leans in steady turns; the aid was not used",
+        number="error of the gyro's scales in a fit with an aiding sensor; a fit without that sensor has none",
+        action="leave that aiding sensor out: an accelerometer leans in steady turns; it was not used",
         rule=Rule("scales_off", (Grade("limits", 0.0),), limit=Limit(0.1)),
         said=(
             "with {aid!r} the fit finds the gyro's scales off by {amount}, without {aid!r} it finds them correct: "
@@ -145,9 +145,7 @@ ROWS: Final = (
             "degrees (1 σ)"
         ),
         limit="11.5 (0.2 rad)",
-        action=(
-            "check in which direction the quaternions turn, whether w comes first, and the times; the aid was not used"
-        ),
+        action=("check in which direction the quaternions turn, whether w comes first, and the times; it was not used"),
         rule=Rule("astray_rad", (Grade("limits", 0.2),), number="astray_deg", limit=Limit(math.degrees(0.2))),
         said=(
             "{aid!r} deviates by {astray_deg:.0f}° (1 σ) from the field, for any mounting of the magnetometer: "
@@ -159,8 +157,8 @@ ROWS: Final = (
     CatalogueRow(
         code="aid-diverged",
         affects="use",
-        number="claimed heading error with an aid, as a multiple of the one without it",
-        action="leave the aid out, or turn the sensor through more directions; the aid was not used",
+        number="claimed heading error with an aiding sensor, divided by that without it",
+        action="leave the aiding sensor out, or turn the sensor through more directions; it was not used",
         rule=Rule("times_claim", (Grade("limits", 4.0),)),
         said=(
             "the fit claims a heading error of {with_deg:.0f}° with {aid!r}, {without_deg:.2g}° without: its "
@@ -173,8 +171,8 @@ ROWS: Final = (
     CatalogueRow(
         code="aid-empty",
         affects="use",
-        number="readings with the quantity that an aid needs",
-        action="record that quantity, or leave the aid out; the aid was not used",
+        number="number of readings with the quantity that an aiding sensor needs",
+        action="record that quantity, or leave the aiding sensor out; it was not used",
         rule=Rule("usable", (Grade("limits", 12.0),), comparison="<"),
         said=(
             "{usable:.0f} of {samples:,.0f} readings have {what_is_empty}: record it, or leave {aid!r} out; {aid!r} "
@@ -188,8 +186,8 @@ ROWS: Final = (
         affects="use",
         number="how many times better an instrument fits with its axes exchanged",
         action=(
-            "exchange the columns of one of the two where they are written (`--axes` turns both), or mind that "
-            "corrected readings are in the other instrument's axes"
+            "exchange the columns of one of the two instruments in the driver (`--axes` turns both); otherwise "
+            "corrected readings are in the axes of the other instrument"
         ),
         rule=Rule("times_better", (Grade("limits", 0.0),), limit=Limit(2.0)),
         said="the {instrument} fits {times_better:.0f} times better {how_it_sits}",

@@ -40,7 +40,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="strength-differs",
-        number="how far the strength that the readings show is off that of the site, standard deviations of both",
+        number="difference of the readings' field strength from that of the site, in standard deviations of both",
         action=(
             "check unit and scale; or the gain of the sensor is another than was stated (`--gain-sigma`): the strength "
             "of the site was left out"
@@ -121,8 +121,8 @@ ROWS: Final = (
             " shorter ends; 0 if they are equal, which proves nothing"
         ),
         action=(
-            "check the compass on known bearings; record the readings where that can be done, since six typed "
-            "numbers tell neither noise nor directions"
+            "check the compass on known bearings; if possible, record the readings, since six typed numbers "
+            "contain neither noise nor directions"
         ),
         rule=Rule("is_typed", (Grade("limits", 0.0),), number="unturned_deg", limit=Limit(1.0, "target_deg")),
         said=(

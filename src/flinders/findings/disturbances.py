@@ -64,8 +64,8 @@ ROWS: Final = (
     CatalogueRow(
         code="column-unused",
         number=(
-            "ratio of the field strength's scatter in stretches that were left out of the fit, with a "
-            "[named column](disturbances.md#any-column) over without"
+            "scatter of the field strength with a [named column](disturbances.md#any-column), divided by that "
+            "without; in the parts of the recording that were left out of the fit"
         ),
         action="nothing; name a column that moves the readings, or leave this one out",
         rule=Rule("is_unused", (Grade("note", 0.0),), number="scatter_ratio", limit=Limit(0.98)),
@@ -94,8 +94,8 @@ ROWS: Final = (
     CatalogueRow(
         code="disturbance-uncertain",
         number=(
-            "heading error (1 σ) that its own uncertainty leaves at the far end of its recorded range, degrees, "
-            "at the worst heading"
+            "heading error (1 σ) due to the uncertainty of the disturbance at the far end of its recorded range, "
+            "degrees, at the worst heading"
         ),
         action="vary it while turning the sensor through all directions",
         rule=Rule("remaining_deg", (Grade("limits", 1.0, "target_deg"),)),
@@ -123,7 +123,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="disturbance-monotone",
-        number="share of its variation that a monotonic function of time explains",
+        number="share of the disturbance's variation that a monotonic function of time explains",
         action=(
             "let it go up and down again while recording: a drift of the offset, or a sensor that moved, would "
             "look the same"
@@ -161,7 +161,7 @@ ROWS: Final = (
             "deviation of a disturbance's effect from a straight line, over its range and at its reference, relative "
             "to the effect; reported if chance causes it less than once in a million"
         ),
-        action="record the current instead of the throttle, or use the calibration near the values recorded most",
+        action="record the current instead of the throttle, or use the calibration near the most frequent values",
         rule=Rule("curvature", (Grade("limits", 0.03),), needs=(Needs("curvature_deg", ">=", 1.0, "unsaid_deg"),)),
         said=(
             "the effect of {name} deviates from a straight line by {curvature:.0%}: the sensor follows its "
@@ -223,8 +223,8 @@ ROWS: Final = (
     CatalogueRow(
         code="disturbance-beyond",
         number=(
-            "how far it goes beyond the range at which the calibration was made, as a share of that range; in "
-            "`--json` of `apply`, `heading` and `check`"
+            "how far the disturbance goes beyond the range of the calibration's recording, as a share of that "
+            "range; in `--json` of `apply`, `heading` and `check`"
         ),
         action="calibrate over the whole range: the offset is extrapolated there",
         rule=Rule("beyond", (Grade("limits", 0.0),)),

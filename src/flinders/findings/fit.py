@@ -55,8 +55,8 @@ ROWS: Final = (
         grades="limits; refuses above five times the target",
         number="heading error to expect at the worst heading, degrees, 1 σ",
         limit="the target (`target_deg`, `--target`)",
-        action="turn the sensor as the advice says; record for longer; or ask for less",
-        fleet_action="turn the sensor through all directions and record for longer, or ask for less",
+        action="turn the sensor as the advice says; record for longer; or accept a larger target",
+        fleet_action="turn the sensor through all directions and record for longer, or accept a larger target",
         rule=Rule("worst_deg", (Grade("limits", 1.0, "target_deg"), Grade("refuses", 5.0, "target_deg"))),
         fault=(
             "the heading may be off by {worst_deg:angle} (1 σ, worst heading{because}; the target is {target_deg:g}°)"
@@ -70,7 +70,7 @@ ROWS: Final = (
         affects="use",
         number="heading error of the readings as recorded, at the worst heading, degrees",
         limit="the heading error of the calibration",
-        action="leave the readings as they are, where the advice says so: the calibration hardly improves on them",
+        action="use the readings without the calibration, if the advice says so: it hardly improves them",
         rule=Rule("uncorrected_deg", (Grade("note", -1.0),), limit=Limit(1.0, "worst_deg")),
         said=(
             "the readings were corrected before. As recorded they give headings to {uncorrected_deg:angle} ± "
@@ -81,7 +81,10 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="soft-iron-changed",
-        number="how often chance alone makes the readings contradict the soft iron of the earlier calibration as much",
+        number=(
+            "probability that chance alone makes the readings contradict the soft iron of the earlier calibration "
+            "as much"
+        ),
         action="tumble the sensor again and calibrate: the renewed fit allows a change of the soft iron by 5 %",
         rule=Rule("soft_iron_p_value", (Grade("limits", 0.001),), comparison="<"),
         fault=(
@@ -95,7 +98,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="poses-contradict",
-        number="how often chance alone makes poses at known headings contradict each other as much",
+        number="probability that chance alone makes poses at known headings contradict each other as much",
         action="check each heading, the dip, and that no iron is near; soft iron that has changed needs a full tumble",
         rule=Rule("poses_by_chance", (Grade("refuses", 0.001),), comparison="<"),
         fault="the poses contradict each other (chance: {poses_by_chance:.1g})",
@@ -110,7 +113,8 @@ ROWS: Final = (
         code="rotation-uncertain",
         affects="use",
         number=(
-            "heading error (1 σ, rms over a level turn) due to the uncertainty of a rotation found with an aid, degrees"
+            "heading error (1 σ, rms over a level turn) due to the uncertainty of a rotation found with an aiding "
+            "sensor, degrees"
         ),
         action=(
             "tilt the body far about two axes while recording, say how well the accelerometer is calibrated "
@@ -183,8 +187,8 @@ ROWS: Final = (
         code="unobservable-parameters",
         number="number of the nine parameters that the readings do not determine",
         action=(
-            "as where all readings lie on one ring or on two: turn the sensor about another axis too; until then "
-            "the prior that soft iron is mild determines the rest"
+            "turn the sensor about another axis too, for example if all readings lie on one or two rings; until then "
+            "the prior (mild soft iron) determines the rest"
         ),
         rule=Rule("unobserved", (Grade("limits", 0.0),)),
         said=(

@@ -79,7 +79,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="stale-repeats",
-        number="share of the readings that another one equals",
+        number="share of the readings that equal another reading",
         action="nothing: the uncertainty counts them once; log no faster than the sensor measures",
         rule=Rule("repeated_share", (Grade("note", 0.1),)),
         said=(
@@ -165,7 +165,7 @@ ROWS: Final = (
     CatalogueRow(
         code="like-gravity",
         number="1: columns without identifying names have gravity's length, in g, m/s² or counts of an accelerometer",
-        action="give the recording of the magnetometer; where it is one after all, name its columns",
+        action="give the recording of the magnetometer; if these columns are a magnetometer, name them",
         fleet_action="give recordings of the magnetometer",
         rule=Rule("is_doubtful", (Grade("limits", 0.0),)),
         said="these look like {doubt}: if a magnetometer recorded them after all, name its columns",

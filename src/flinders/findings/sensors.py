@@ -16,8 +16,8 @@ ROWS: Final = (
             " at the worst attitude"
         ),
         action=(
-            "something magnetic was near it at the times that the advice names, or a current flowed; record again"
-            " without, or steer by another"
+            "something magnetic was near the sensor at the times that the advice names, or a current flowed; record "
+            "again without it, or use another sensor"
         ),
         rule=Rule(
             "departs_share",
@@ -99,7 +99,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="turned-to",
-        number="how well the rotation into the axes of the reference is known, degrees, 1 σ",
+        number="uncertainty of the rotation into the axes of the reference, degrees, 1 σ",
         limit="",
         action="nothing; corrected readings of all are in those axes",
         rule=Rule("is_turned", (Grade("note", 0.0),), number="rotation_sigma_deg", limit=Limit(0.0)),
@@ -111,7 +111,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="unlike-units",
-        number="length of its readings over that of the reference's",
+        number="length of the sensor's readings, divided by that of the reference's readings",
         limit="the nearest power of ten",
         action="name the unit of each",
         rule=Rule("is_decades_off", (Grade("note", 0.0),), number="times_as_long", limit=Limit(1.0, "decade")),
@@ -124,7 +124,7 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="clock-differs",
-        number="by how much its clock is behind that of the reference, seconds",
+        number="delay of the sensor's clock behind that of the reference, seconds",
         action="nothing; the delay was removed to compare them",
         rule=Rule("is_delayed", (Grade("note", 0.0),), number="delay_s", limit=Limit(0.0)),
         said=(
@@ -135,8 +135,8 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="not-together",
-        number="0; or worst heading error of a fit together with the others, degrees",
-        limit="0; or 1.5 times that of the sensor by itself",
+        number="worst heading error of a fit together with the others, degrees; 0 if there is no such fit",
+        limit="1.5 times that of the sensor by itself; 0 if there is no such fit",
         action=(
             "turn the body about all its axes with all sensors running; or check the others, and their clocks: this "
             "sensor keeps its own result"

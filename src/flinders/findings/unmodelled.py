@@ -16,10 +16,10 @@ ROWS: Final = (
         affects="error",
         grades="note; limits above the target; refuses above twice the target",
         number=(
-            "how far one recording is off the others at the worst heading, degrees; reported where chance makes such "
-            "a difference less often than once in a hundred"
+            "difference of one recording from the others at the worst heading, degrees; reported if chance causes "
+            "it less often than once in a hundred"
         ),
-        action="find out what changed between the recordings, and use those made in the state of use",
+        action="find out what changed between the recordings, and use those made in the vehicle's state of use",
         rule=Rule(
             "apart_beyond_claim_deg",
             (Grade("note", -1.0), Grade("limits", 1.0, "target_deg"), Grade("refuses", 2.0, "target_deg")),

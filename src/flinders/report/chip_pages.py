@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from itertools import groupby
 from typing import TYPE_CHECKING, Final
 
 from rich.console import Group
 from rich.table import Column
+from rich.text import Text
 
 from flinders.report.terminal import facts, page, table
 
@@ -20,9 +22,15 @@ HEADINGS: Final = ("chip", "maker", "µT of a count", "range, µT", "noise, µT"
 
 
 def of_chips(rows: Iterable[Chip]) -> RenderableType:
-    """Lay out a line for each chip, with its power-on setting."""
-    columns = [Column(HEADINGS[0], style="bold", no_wrap=True), *map(Column, HEADINGS[1:])]
-    return table(columns, [_row(chip) for chip in rows])
+    """Lay out a line for each chip, with its power-on setting, below its maker."""
+    name, _, *values = HEADINGS
+    laid: list[tuple[RenderableType, ...]] = []
+    for maker, chips in groupby(rows, key=lambda chip: chip.maker):
+        laid.append((Text(maker, "bold"), *[""] * len(values)))
+        for chip in chips:
+            named, _, *cells = _row(chip)
+            laid.append((f"  {named}", *cells))
+    return table([Column(name, no_wrap=True), *map(Column, values)], laid, is_dense=True)
 
 
 def of_chip(chip: Chip) -> RenderableType:

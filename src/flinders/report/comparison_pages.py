@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import textwrap
+from itertools import groupby
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -467,22 +468,25 @@ def page_of_methods(
 
 
 def page_of_targets(targets: Collection[Target]) -> RenderableType:
-    """Lay out the targets, and below them the unverified properties of those with a star."""
-    headings = [Column("target", style="bold"), *map(Column, ("written form", "holds", "unit", "import"))]
-    rows = [
-        (
-            f"{row.name}{' *' if row.unverified else ''}",
-            row.use,
-            row.keeps,
-            "any" if row.unit in ("own", "recorded") else row.unit,
-            "yes" if row.reader else "",
-        )
-        for row in targets
+    """Lay out the targets by groups, and below them the unverified properties of those with a star."""
+    headings = [
+        Column("target", no_wrap=True),
+        Column("written form", overflow="fold"),
+        *map(Column, ("holds", "unit", "import")),
     ]
+    rows: list[tuple[RenderableType, ...]] = []
+    for group, members in groupby(targets, key=lambda row: row.group):
+        rows += [(Text(group, "bold"), "", "", "", ""), *map(_cells_of_target, members)]
     names: dict[str, list[str]] = {}
     for row in targets:
         for clause in row.unverified:
             names.setdefault(clause, []).append(row.name)
     unverified = [f"* not verified of {', '.join(named)}: {clause}" for clause, named in names.items()]
     filled = [Text(textwrap.fill(line, WIDTH, subsequent_indent="  "), no_wrap=True) for line in unverified]
-    return Group(table(headings, rows), *filled)
+    return Group(table(headings, rows, is_dense=True), *filled)
+
+
+def _cells_of_target(row: Target) -> tuple[str, ...]:
+    """Cells of a target in the table, indented below the heading of its group."""
+    star, unit = " *" if row.unverified else "", "any" if row.unit in ("own", "recorded") else row.unit
+    return f"  {row.name}{star}", row.use, row.keeps, unit, "yes" if row.reader else ""

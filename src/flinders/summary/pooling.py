@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 MIN_EIGENVALUE_SHARE: Final = 1e-13
 """Eigenvalue of a correlation matrix, relative to the largest, below which a combination of parameters is fixed."""
 
+MIN_SIGMA_SHARE: Final = 1e-12
+"""Standard deviation of a parameter, relative to the largest, below which it is fixed: rounding leaves about 1e-16."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PooledEstimate:
@@ -114,7 +117,7 @@ def chi_square_of(difference: Floats, covariance: Floats) -> tuple[float, int]:
 def chi_squares(differences: Floats, covariances: Floats) -> tuple[Floats, Floats]:
     """(n,) chi-squares and (n,) ranks of (n, K) differences with (n, K, K) covariances, as `chi_square_of`."""
     sigma = np.sqrt(np.einsum("nii->ni", covariances).clip(min=0.0))
-    is_free = sigma > 0.0
+    is_free = sigma > MIN_SIGMA_SHARE * sigma.max(axis=1, keepdims=True)
     scale = np.where(is_free, sigma, 1.0)
     values, axes = np.linalg.eigh(covariances / (scale[:, :, np.newaxis] * scale[:, np.newaxis]))
     is_independent = values > MIN_EIGENVALUE_SHARE * values[:, -1:]

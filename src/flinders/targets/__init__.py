@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Final
 from flinders.core.plugins import modules_of, plugin_rows
 from flinders.errors import DocumentError, PluginError, UsageError, did_you_mean
 from flinders.targets._measurement_noise import MeasurementNoise, YawFilter
-from flinders.targets._target import Export, ExportOptions, Target, TargetReader, Written
+from flinders.targets._target import GROUPS, Export, ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -42,14 +42,15 @@ __all__ = [
     "mounting_table",
     "read_back",
     "registry",
+    "search",
 ]
 
 LISTED_FIRST: Final = (
-    "ardupilot", "px4", "motioncal", "adafruit", "fusion", "rtimulib", "betaflight", "betaflight_model", "inav",
-    "paparazzi", "vectornav", "adis16480", "ros", "esphome", "zscilib", "matlab", "code", "plain", "system_mounting",
+    "ardupilot", "px4", "betaflight", "betaflight_model", "inav", "paparazzi", "vectornav", "adis16480", "ros", "code",
+    "esphome", "zscilib", "motioncal", "adafruit", "fusion", "rtimulib", "matlab", "plain", "system_mounting",
     "ros_mounting",
 )  # fmt: skip
-"""Modules in the order in which their targets are listed; all others follow, sorted by name."""
+"""Modules in the order in which the targets of a group are listed; all others follow, sorted by name."""
 
 HEAD_BYTES: Final = 65536
 """Number of first bytes by which the target of a file is recognised."""
@@ -57,7 +58,7 @@ HEAD_BYTES: Final = 65536
 
 @cache
 def registry() -> Mapping[str, Target]:
-    """All targets by name, in the order of the list; the first call imports their modules.
+    """All targets by name, group by group in the order of `GROUPS`; the first call imports their modules.
 
     Raises `PluginError` for a package whose targets cannot be loaded, or whose names already exist.
     """
@@ -66,8 +67,11 @@ def registry() -> Mapping[str, Target]:
     for row in plugin_rows("flinders.targets", Target):
         if row.name in targets:
             raise PluginError(row.write.__module__, f"there is a target {row.name!r} already")
+        if row.group not in GROUPS:
+            raise PluginError(row.write.__module__, f"group {row.group!r} is not known: use one of {', '.join(GROUPS)}")
         targets[row.name] = row
-    return targets
+    order = list(GROUPS)
+    return {row.name: row for row in sorted(targets.values(), key=lambda row: order.index(row.group))}
 
 
 def find(name: str) -> Target:
@@ -80,6 +84,28 @@ def find(name: str) -> Target:
         meant = did_you_mean(name, registry())
         raise UsageError(f"target {name!r} is not known{meant}: use one of {', '.join(registry())}")
     return known
+
+
+def search(words: str) -> tuple[Target, ...]:
+    """Return the targets with all of some words in their name, written form or group.
+
+    Raises `UsageError` if there is none.
+
+    >>> [target.name for target in search("python")]
+    ['micropython', 'fusion-python']
+    >>> [target.name for target in search("ROS mount")]
+    ['urdf', 'static-transform']
+    """
+    found = tuple(row for row in registry().values() if all(word in _text_of(row) for word in words.casefold().split()))
+    if not found:
+        meant = did_you_mean(words, registry())
+        raise UsageError(f"no target has {words!r} in its name, written form or group{meant}")
+    return found
+
+
+def _text_of(target: Target) -> str:
+    """Name, written form and group of a target, in lower case."""
+    return f"{target.name} {target.use} {target.group} {GROUPS[target.group]}".casefold()
 
 
 def mounting_table(target: Target) -> MountingTable:

@@ -58,7 +58,7 @@ RIGHT_ANGLE_TOLERANCE: Final = 1e-6
 BODY: Final = MountingTable("a body", "roll, pitch and yaw in degrees", (("NONE", 0.0, 0.0, 0.0),))
 """Mounting during the recording, if its readings were rotated into the body's axes: R_z R_y R_x."""
 mounting_target: Final = partial(
-    Target, unit=OWN, acts="across", follows="all", docs="vehicles/mounting.md", mountings=BODY
+    Target, group="mounting", unit=OWN, acts="across", follows="all", docs="vehicles/mounting.md", mountings=BODY
 )
 """Row of a target that holds a mounting, with the fields common to all of them."""
 

@@ -55,6 +55,20 @@ if TYPE_CHECKING:
     from flinders.targets._mounting import MountingTable
 
 Keeps: TypeAlias = Literal["all", "symmetric", "diagonal", "offset", "rotation", "axes"]
+TargetGroup: TypeAlias = Literal[
+    "autopilots", "chips and IMUs", "ROS", "microcontrollers", "libraries, tools", "any program", "mounting", "other"
+]
+GROUPS: Final[Mapping[TargetGroup, str]] = {
+    "autopilots": "an autopilot",
+    "chips and IMUs": "a chip or IMU that corrects its readings by registers",
+    "ROS": "a robot with ROS",
+    "microcontrollers": "a microcontroller, or firmware in C",
+    "libraries, tools": "a library for sensor fusion, or a tool that calibrates",
+    "any program": "a program that takes plain numbers",
+    "mounting": "a system with a setting for the mounting of a sensor",
+    "other": "a program with a plugin of its own",
+}
+"""Groups of targets in the order of the list, each with what a user of its targets has."""
 CAPACITY_WORDS: Final[Mapping[Keeps, str]] = {
     "all": "an offset and a whole matrix",
     "symmetric": "an offset and a symmetric matrix",
@@ -200,6 +214,7 @@ class Target:
     source: str  #: source of the formula
     #: ``write(calibration, asked)`` returns the calibration in the numbers of the target
     write: Callable[[Calibration, ExportOptions], Written]
+    group: TargetGroup = "other"  #: what a user has; a key of `GROUPS`
     reader: TargetReader | None = None  #: reader of such a file, if it can be read back
     acts: Acts = "recorded"  #: a key of `AXES_WORDS`
     fed: bool = False  #: the surrounding program selects the readings that it corrects, which may be in vehicle axes
@@ -244,6 +259,7 @@ class Target:
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
         return {
+            "group": self.group,
             "use": self.use,
             "suffix": self.suffix,
             "formula": self.formula,

@@ -56,6 +56,7 @@ TARGETS: Final = (
     Target(
         name="sensorlab",
         use="Adafruit SensorLab JSON",
+        group="libraries, tools",
         suffix=".json",
         title="Adafruit SensorLab",
         formula="c = S (m - h)",

@@ -322,6 +322,7 @@ def _write_fixed_point(calibration: Calibration, form: FixedPointFormat, whole: 
 HEADER: Final = Target(
     name="c",
     use="C99 header, single precision",
+    group="microcontrollers",
     suffix=".h",
     title="C99 header",
     formula="corrected = A (raw - b)",

@@ -41,6 +41,7 @@ TARGETS: Final = (
     Target(
         name="esphome",
         use="ESPHome template sensors",
+        group="microcontrollers",
         suffix=".yaml",
         title="ESPHome",
         formula="A (m - b)",

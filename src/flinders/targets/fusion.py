@@ -83,6 +83,7 @@ def _constants(matrix: Floats, offset: Floats) -> tuple[list[str], dict[str, Flo
 FUSION: Final = Target(
     name="fusion",
     use="x-io Fusion from 1.2.0, C",
+    group="libraries, tools",
     suffix=".h",
     title="x-io Fusion from 1.2.0 on, C",
     formula="c = S (u - h)",

@@ -31,6 +31,7 @@ TARGETS: Final = (
     Target(
         name="matlab",
         use="MATLAB and Octave function",
+        group="libraries, tools",
         suffix=".m",
         title="MATLAB and Octave",
         formula="C = (D - b) A, one reading per row",

@@ -153,6 +153,7 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
 MOTIONCAL: Final = Target(
     name="motioncal",
     use="MotionCal packet, PJRC EEPROM",
+    group="libraries, tools",
     suffix=".bin",
     title="MotionCal packet",
     formula="c = W (m - V), det W = 1",

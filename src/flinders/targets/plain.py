@@ -118,6 +118,7 @@ def _read_disturbance(name: str, record: object, source: str) -> Disturbance:
 JSON: Final = Target(
     name="json",
     use="plain JSON",
+    group="any program",
     suffix=".json",
     title="plain JSON",
     formula=FORMULA,

@@ -89,6 +89,7 @@ TARGETS: Final = (
     Target(
         name="rtimulib",
         use="lines of RTIMULib.ini",
+        group="libraries, tools",
         suffix=".ini",
         title="RTIMULib.ini",
         formula="c = Corr ((m - off) scale - O), off = (Min + Max)/2 = 0, scale = 1",

@@ -78,6 +78,7 @@ TARGETS: Final = (
     Target(
         name="vectornav",
         use="VectorNav register 23",
+        group="chips and IMUs",
         suffix=".txt",
         title="VectorNav register 23",
         formula="X = C (M - B)",

@@ -40,6 +40,7 @@ TARGETS: Final = (
     Target(
         name="zscilib",
         use="Zephyr zscilib constants",
+        group="microcontrollers",
         suffix=".h",
         title="Zephyr zscilib",
         formula="c = K (v + b), b added",

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.core.chips import Chip, ChipSetting, chips, find_chip
+from flinders.core.chips import SAME_AXES, Chip, ChipSetting, chips, find_chip
 from flinders.core.units import COUNTS, PER_UNIT, WIDE_EARTH_FIELD_RANGE_UT
 from flinders.errors import figures, python_arguments
 
@@ -337,7 +337,7 @@ def _make_proposal(
         candidates=tuple(left),
         unit=unit if unit != COUNTS or scale is not None else "",
         scale=rounded,
-        axes="" if mapped is None else mapped.axes,
+        axes="" if mapped is None or mapped.axes == SAME_AXES else mapped.axes,
         reason=reason,
         advice="",
     )
@@ -352,7 +352,7 @@ def _unit_advice(proposal: ChipProposal, spell: Spelling) -> str:
     if not proposal.candidates:
         return ""
     if not proposal.named_by:
-        return f"{spell({'chip': None})} with the name of the chip, to see the µT of a count"
+        return f"{spell({'chip': None})} with the name of the chip, for the µT of a count"
     scales = {f"{each.scale:.6g}": each.setting for each in proposal.candidates}
     written = [f"{scale} ({setting})" for scale, setting in scales.items()]
     return f"{spell({'scale': None})} with the µT of a count: {' or '.join(written)}"

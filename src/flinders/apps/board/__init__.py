@@ -1,4 +1,4 @@
-"""Calibrator for a microcontroller: the engine in single precision, with the rules of the verdict.
+"""Calibrator for a microcontroller: the engine in single precision, which fits, and judges the fit by the same rules.
 
 For developers of devices: the output is a library for Arduino, PlatformIO and CMake.
 

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 FILES: Final = Path(__file__).parent / "components"
 TEMPLATE: Final = ".in"
-"""Suffix of a template, or of a Python file that is not part of this package."""
+"""Suffix of a template, and of a Python file that belongs to the component and not to this package."""
 VERSION: Final = version("flinders")
 UNITS: Final = {"uT": "µT", "G": "gauss"}
 """Names of units in texts."""
@@ -52,18 +52,18 @@ KEYWORDS: Final = ("magnetometer", "compass", "calibration", "heading")
 
 @dataclass(frozen=True, slots=True)
 class Component:
-    """One row of the table of components."""
+    """Row of the table of components: a firmware framework, and how a calibration is written for it."""
 
     name: str  #: name for ``flinders component``
     use: str  #: framework, in words
     place: str  #: path of the calibration in the folder
-    unit: str  #: of its readings: ``uT``, ``G``, or that of the recording
+    unit: str  #: unit of the readings that the component takes: ``uT``, ``G``, or that of the recording
     manifests: Callable[[], Mapping[str, str]]  #: returns manifest files by name
     next_step: str  #: instruction for the folder
 
     @property
     def is_python(self) -> bool:
-        """Whether its calibration is a Python module, not a C header."""
+        """Whether the component holds the calibration as a Python module, not as a C header."""
         return self.place.endswith(".py")
 
 
@@ -101,7 +101,7 @@ def write(component: Component, fit: Fit, directory: str | Path, *, force: bool 
 
 
 def contents(component: Component, fit: Fit) -> dict[str, str]:
-    """Content of each file of a component, by name; raises as `write`."""
+    """Text of each file of a component, by name; raises the errors of `write` except those of files."""
     refuse_unfit(fit)
     _refuse_unstated(fit)
     folder, values = FILES / component.name, _values(component, fit)
@@ -168,7 +168,7 @@ def _values(component: Component, fit: Fit) -> dict[str, str]:
 
 
 def _factor(component: Component, calibration: Calibration) -> float:
-    """Units of the recording per unit of the component's readings; raises UnitError for counts."""
+    """Number of units of the recording in one unit of the component's readings; raises UnitError for counts."""
     if component.unit == RECORDED:
         return 1.0
     return per_unit(calibration, component.unit, who=component.use) / calibration.raw.scale
@@ -203,7 +203,7 @@ def _readme(component: Component, fit: Fit) -> str:
 
 
 def _no_manifests() -> dict[str, str]:
-    """No further files: the folder's own files suffice."""
+    """No manifest: ESPHome and Zephyr need only the files of the component's folder."""
     return {}
 
 

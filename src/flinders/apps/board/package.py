@@ -1,7 +1,7 @@
 """Writes the firmware package: a library for Arduino, PlatformIO and CMake in one folder.
 
 The C files are those of the engine (`flinders.native`), unchanged, with `board.c` and `packet.c` added. Two definitions
-at the head of its `flinders.h` select single precision and a small stack.
+at the head of the package's `flinders.h` select single precision and a small stack.
 
 >>> sorted(contents())[:3]
 ['CMakeLists.txt', 'LICENSE', 'README.md']

@@ -7,7 +7,7 @@ They serve to reproduce a recipe, or to measure its error; `flinders.fit` is bet
 - `methods`: every method on one recording, side by side
 - `composition`: one turn after another, each with the last calibration loaded
 - `budget`, `budget_relations`: stray fields of wires and magnets; `adis16480`: registers of ADIS16480 and 16488
-- `simulate_two_axis`: a two-axis compass with known truth; `recovery`: its parameters as the recipe finds them
+- `simulate_two_axis`: a two-axis compass with known truth; `recovery`: true parameters, and those that the recipe finds
 - `pages`, `methods_page`, `budget_page`, `turn_drawing`: pages of the terminal and drawings; ``cli``: commands
 """
 

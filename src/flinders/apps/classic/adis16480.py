@@ -1,7 +1,7 @@
 """The magnetometer registers of Analog Devices' ADIS16480 and ADIS16488: ``M_C = (I + S) M + H``.
 
 Twelve registers of 16 bits on page 2, two's complement: the hard iron H in steps of 0.1 mG, the soft iron S in steps of
-1/32768, that is ±100 %. M is the measured field in mG, M_C the output. Ours is corrected = W (raw − b), so
+1/32768, that is ±100 %. M is the measured field in mG, M_C the output. A calibration is corrected = W (raw − b), so
 
     S = W − I,   H = −W b
 
@@ -75,7 +75,7 @@ STEPS: Final = np.array([HARD_IRON_STEP_MG] * 3 + [SOFT_IRON_STEP] * 9)
 
 @dataclass(frozen=True, slots=True)
 class Register:
-    """One register and its content."""
+    """One register of the magnetometer, and its content."""
 
     name: str  #: as in the data sheet
     page: int
@@ -84,7 +84,7 @@ class Register:
 
     @property
     def word(self) -> int:
-        """The code as the 16 bits that are written: two's complement, 0 to 65535."""
+        """The 16 bits that are written for the code: two's complement, 0 to 65535."""
         return self.code % WORDS
 
     @property
@@ -94,7 +94,7 @@ class Register:
 
     @property
     def unit(self) -> str:
-        """``mG`` or ``%``."""
+        """Unit of `value`: ``mG`` or ``%``."""
         return "mG" if self.name.startswith("HARD") else "%"
 
     def as_row(self) -> str:
@@ -103,7 +103,7 @@ class Register:
         return f"{self.name:<17}{self.page:>2}  {address:>7}  {self.code:>6}  0x{self.word:04X}  {value:>9}"
 
     def as_dict(self) -> dict[str, int | float | str]:
-        """JSON-ready."""
+        """JSON-ready fields of a register."""
         more = {"word": self.word, "hex": f"0x{self.word:04X}", "value": self.value, "unit": self.unit}
         return {**asdict(self), **more}
 
@@ -160,12 +160,12 @@ class Registers:
 
     @property
     def hard_iron(self) -> Floats:
-        """(3,) H in mG."""
+        """(3,) hard iron H in mG."""
         return HARD_IRON_STEP_MG * to_floats(self.codes[:3])
 
     @property
     def soft_iron(self) -> Floats:
-        """(3, 3) S, a fraction."""
+        """(3, 3) soft iron S, as a fraction: 0.01 is 1 %."""
         return SOFT_IRON_STEP * to_floats(self.codes[3:]).reshape(3, 3)
 
     def apply(self, field: ArrayLike) -> Floats:
@@ -179,8 +179,8 @@ class Registers:
     def to_calibration(self, field_strength: float, *, known: bool = False) -> Calibration:
         """Calibration with the values of the codes, in the axes of the device.
 
-        The codes do not contain the length of corrected readings: `field_strength` in µT, and whether it is `known`.
-        Raises `ArrayError` for codes that flatten all readings into a plane.
+        The codes do not contain the field strength of the site: `field_strength` gives it in µT, and `known` says
+        whether it was measured. Raises `ArrayError` for codes whose I + S is singular.
         """
         matrix = np.eye(3) + self.soft_iron
         try:
@@ -192,7 +192,7 @@ class Registers:
 
 
 def _register_values(calibration: Calibration) -> Floats:
-    """(12,) values of a calibration for the registers, in steps."""
+    """(12,) exact value for each register, in steps of that register, before rounding."""
     matrix, offset = in_recorded_axes(calibration)
     with np.errstate(over="ignore", invalid="ignore"):
         hard_iron = -(matrix @ offset) / MG
@@ -201,7 +201,7 @@ def _register_values(calibration: Calibration) -> Floats:
 
 
 def _refusal(calibration: Calibration, wanted: Floats, registers: Registers) -> NotExportable:
-    """Error about registers that cannot hold their value, with the loss of each and the resulting error."""
+    """Error for values beyond the range of their register, with the error that clipped registers would cause."""
     beyond = [index for index, code in enumerate(registers.codes) if np.rint(wanted[index]) != code]
     worst = _largest_error(calibration, registers)
     angle = np.rad2deg(np.arcsin(min(worst / calibration.field_strength, 1.0))) if np.isfinite(worst) else 90.0
@@ -217,7 +217,7 @@ def _refusal(calibration: Calibration, wanted: Floats, registers: Registers) -> 
 
 
 def _loss(index: int, wanted: float) -> str:
-    """Words about one register: the value for it, its range, and the loss.
+    """Words about one register whose value is out of range: value, range, and the part beyond the range.
 
     >>> _loss(0, -34120.0)
     'HARD_IRON_X would be -3,412 mG and holds -3276.8 to +3276.7 mG, 135 mG are lost'
@@ -249,7 +249,7 @@ def _largest_error(calibration: Calibration, registers: Registers) -> float:
 
 
 def _advice(calibration: Calibration) -> str:
-    """Advice: calibrate without the field strength if that is enough, else remove magnetic parts."""
+    """Advice on registers that are too small: calibrate without the field strength, or else remove magnetic parts."""
     scale = float(np.exp(np.linalg.slogdet(calibration.matrix)[1] / 3))
     relative = np.rint(_register_values(replace(calibration, matrix=calibration.matrix / scale)))
     if calibration.field_strength_known and relative.min() >= LOWEST and relative.max() <= HIGHEST:
@@ -258,7 +258,10 @@ def _advice(calibration: Calibration) -> str:
 
 
 def write(calibration: Calibration, _asked: ExportOptions) -> Written:
-    """Write the twelve registers; raises as `Registers.of`, and `NotExportable` for steps that are too coarse."""
+    """Write the twelve registers.
+
+    Raises the errors of `Registers.of`, and `NotExportable` if rounding makes I + S singular.
+    """
     registers = Registers.of(calibration)
     try:
         decoded = registers.to_calibration(calibration.field_strength)
@@ -282,6 +285,7 @@ def write(calibration: Calibration, _asked: ExportOptions) -> Written:
 ADIS16480: Final = Target(
     name="adis16480",
     use="ADIS16480 registers",
+    group="chips and IMUs",
     suffix=".txt",
     title="ADIS16480",
     formula="M_C = (I + S) M + H",

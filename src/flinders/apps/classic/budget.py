@@ -47,7 +47,7 @@ UNITS: Final[Mapping[Kind, Mapping[str, float]]] = {
     "moment": {"Am2": 1.0, "mAm2": 1e-3, "uAm2": 1e-6, "emu": 1e-3},
     "volume": {"m3": 1.0, "cm3": 1e-6, "mm3": 1e-9},
 }
-"""Factors from each unit to the unit used here, which is the first."""
+"""Factors from each unit to the first unit of its kind, in which this module calculates."""
 
 OTHER_SPELLINGS: Final = {
     "°": "deg", "degree": "deg", "degrees": "deg", "µm": "um", "inch": "in", "inches": "in", "amp": "A", "amps": "A",
@@ -64,10 +64,10 @@ NUMBER: Final = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(?!\d)\s
 
 @dataclass(frozen=True, slots=True)
 class UnitValue:
-    """A number with the unit it was typed in."""
+    """A quantity as it was typed: a number and its unit."""
 
-    value: float  # in the unit used here: µT, m, A, °, A·m², m³
-    unit: str  # as it was typed, in its usual spelling
+    value: float  # value in the unit in which this module calculates: µT, m, A, °, A·m² or m³
+    unit: str  # typed unit, in its usual spelling
 
     @classmethod
     def of(cls, kind: Kind, text: str, name: str = "") -> Self:
@@ -95,7 +95,7 @@ class UnitValue:
 
 
 def parse(kind: Kind, text: str) -> float:
-    """Read a quantity in the unit used here; raises the errors of `UnitValue.of`.
+    """Read a quantity, in µT, m, A, °, A·m² or m³; raises the errors of `UnitValue.of`.
 
     >>> parse("length", "2.5in"), parse("angle", "1°"), parse("current", "200 mA")
     (0.0635, 1.0, 0.2)
@@ -107,8 +107,8 @@ def parse(kind: Kind, text: str) -> float:
 class Heading:
     """Stray field b and worst heading error δ in a horizontal field H: b = H sin δ.
 
-    At an angle φ between both the error is atan(b sin φ/(H + b cos φ)), and asin(b/H) at its worst. Small errors are
-    b/H in radians: 1° at 150 mG is 2.62 mG either way. Beyond b = H a compass may show any heading.
+    At an angle φ between the two fields the error is atan(b sin φ/(H + b cos φ)), and asin(b/H) at its worst. Small
+    errors are b/H in radians: 1° at 150 mG is 2.62 mG either way. Beyond b = H a compass may show any heading.
     """
 
     formula: ClassVar[str] = "b = H sin δ"
@@ -240,7 +240,7 @@ class Magnet:
     moment: float  # A·m²
     distance: float  # m, from the middle of the magnet
     stray: float  # µT
-    position: Position = "axial"  # position of the sensor: off the poles, or "equatorial", off the side
+    position: Position = "axial"  # position of the sensor: "axial" in front of a pole, "equatorial" beside the magnet
 
     @property
     def formula(self) -> str:
@@ -287,7 +287,7 @@ def magnet_moment(*, remanence: float, volume: float) -> float:
 
 
 def _known_quantities(**given: float | None) -> dict[str, float]:
-    """The given quantities; raises `UsageError` unless exactly one is missing and all are positive."""
+    """Return the given quantities; raises `UsageError` unless exactly one is missing and all are positive."""
     known = {name: float(value) for name, value in given.items() if value is not None}
     if len(known) != len(given) - 1:
         names = ", ".join(name.removesuffix("_deg") for name in given)
@@ -299,14 +299,14 @@ def _known_quantities(**given: float | None) -> dict[str, float]:
 
 
 def _require_positive(value: float) -> float:
-    """The value itself; raises `UsageError` if it over- or underflowed."""
+    """Return the value; raises `UsageError` if it has overflowed or underflowed."""
     if not (math.isfinite(value) and value > 0):
         raise UsageError("the result of these numbers is too large or too small: check their units")
     return value
 
 
 def _unit(kind: Kind, text: str, what: str) -> str:
-    """Unit of one kind for any of its spellings; `what`: the quantity in a message."""
+    """Usual spelling of a unit of one kind; `what` names the quantity in a message."""
     units = UNITS[kind]
     spelled = re.sub(r"[ ·⋅*^]", "", text).replace("²", "2").replace("³", "3").replace("μ", "µ")
     if not spelled and kind == "angle":
@@ -353,18 +353,18 @@ class Budget:
     kind: str  #: ``heading``, ``wire``, ``pair`` or ``magnet``
     given: dict[str, UnitValue]  #: given quantities by name, in the order in which they are shown
     position: Position | None = None  #: position of the sensor near a magnet
-    #: derived quantities by name, in the units used here; an error of None means any heading
+    #: derived quantities by name, in µT, m, A, ° or A·m²; an error of None means any heading
     derived: dict[str, float | None] = field(default_factory=dict)
     why: dict[str, str] = field(default_factory=dict)  #: formula of each derived quantity, by name
 
     @property
     def known(self) -> dict[str, float]:
-        """Given and derived quantities by name, in the units used here."""
+        """Given and derived quantities by name, in µT, m, A, °, A·m² or m³."""
         solved = {name: value for name, value in self.derived.items() if value is not None}
         return {name: quantity.value for name, quantity in self.given.items()} | solved
 
     def find_heading(self) -> None:
-        """Find the third of field, stray field and error if two are known."""
+        """Find one of horizontal field, stray field and heading error if the other two are known."""
         known = self.known
         if {"field", "stray"} <= known.keys() and known["stray"] > known["field"]:
             self.derived["error"] = None

@@ -60,7 +60,7 @@ def of_budget(budget: Budget) -> RenderableType:
 
 
 def _value(budget: Budget, name: str) -> str:
-    """A result, in the unit of a typed quantity of the same kind."""
+    """Text of a result, in the unit of a typed quantity of the same kind."""
     kind, value = QUANTITIES[name][0], budget.derived[name]
     if value is None:
         return "any"
@@ -69,7 +69,7 @@ def _value(budget: Budget, name: str) -> str:
 
 
 def _remark(budget: Budget, name: str) -> str:
-    """The formula; for a heading error, also its meaning, and the value of the rule of thumb if that differs."""
+    """Remark on a result: its formula. For a heading error, also its meaning, and b/H in radians if that differs."""
     if name != "error":
         return budget.why[name]
     known, value = budget.known, budget.derived[name]

@@ -1,4 +1,4 @@
-"""One relation of a magnetic budget, solved for its missing quantity: a heading error, a wire, a pair or a magnet.
+"""Relations of a magnetic budget: heading error, wire, pair of wires, magnet; each is solved for the missing quantity.
 
 >>> stray_budget("wire", {"current": "0.2A", "distance": "1cm"}).derived
 {'stray': 4.0}

@@ -1,11 +1,12 @@
-"""Plane after plane: the calibration of a turn composed with the loaded one, and the remaining error.
+"""Composes the calibrations of turns in one plane after another, and computes the heading error that remains.
 
-Each turn gives a symmetric matrix, and the product of symmetric matrices is not symmetric. The rotation in it is of
-second order in the soft iron, and cannot be observed by a turn in a plane. Let the composed matrix be W = R S, with R a
-rotation and S symmetric. For a sensor with symmetric soft iron S⁻¹ is the soft iron, and R is an error of the
-composition. R adds a part of the vertical field to the axes of a turn, and the offset of that turn removes this part:
-along each axis i of a turn about k the offset is wrong by −R_ik sin I in units of the field. The heading error of a
-level vehicle is the sum of both effects.
+Each turn gives a symmetric matrix, but a product of symmetric matrices is not symmetric: W = R S, with R a rotation and
+S symmetric. If the soft iron is symmetric, it is S⁻¹, and R is an error of the composition. R is of second order in the
+soft iron, and a turn in one plane cannot observe it.
+
+R has two effects on the heading of a level vehicle. It rotates the readings, and it adds a part of the vertical field
+to the axes of each turn. The offset of a turn about axis k at a dip I absorbs that part: along axis i it is wrong by
+−R_ik sin I, in units of the field. The heading error is the sum of both effects.
 
 >>> tilted = np.array([[1.0, 0.0, 0.02], [0.0, 1.0, 0.0], [-0.02, 0.0, 1.0]])
 >>> rotation_error(tilted, ("xy", "yz", "zx"), dip_deg=60.0)      # 0.02 of the vertical field, 1.7 of the level one
@@ -39,16 +40,17 @@ if TYPE_CHECKING:
     from flinders.geometry.plane import Plane, Turn
 
 MIN_OFFSET_SHARE: Final = 0.2
-"""Smallest offset, in units of the field, whose removal can be recognised; soft iron causes smaller ones."""
+"""Smallest offset, in units of the field, whose removal can be recognised; soft iron causes smaller offsets."""
 
 MAX_CENTRE_SHARE: Final = 0.5
-"""Largest distance of a turn's centre from zero that soft iron can cause with a calibration loaded, over the field."""
+"""Largest distance of a turn's centre from zero that soft iron can cause with a calibration loaded, in units of the
+field."""
 
 MAX_SCALE_RATIO: Final = 3.0
 """Largest ratio of expected and read amplitude; beyond it the unit or the loaded calibration is wrong."""
 
 UNKNOWN_ANGLE_DEG: Final = 180.0
-"""Heading error of an unknown heading."""
+"""Value of a heading error that is not known."""
 
 
 def turns_of(fit: Fit) -> tuple[str, ...]:
@@ -61,7 +63,7 @@ def turns_of(fit: Fit) -> tuple[str, ...]:
 
 
 def rotation_error(matrix: Floats, turns: Sequence[str], *, dip_deg: float) -> HeadingError:
-    """Heading error of a level vehicle from the rotation in a composed matrix, see above.
+    """Heading error of a level vehicle from the rotation R in a composed matrix.
 
     In a plane without a turn, the soft iron is assumed to be as strong as in the others (rms), with either sign.
 
@@ -69,14 +71,15 @@ def rotation_error(matrix: Floats, turns: Sequence[str], *, dip_deg: float) -> H
     ----------
     matrix : (3, 3) float
     turns : of str
-        Planes of the turns, in their order, each with its third axis down; entries that are no plane change no offset.
+        Planes of the turns, in their order, each turned with its third axis down. The empty text, for a fit that is no
+        turn, changes no offset.
     dip_deg : float
         Inclination of the field.
 
     Returns
     -------
     HeadingError
-        To second order in the soft iron; not 1 σ, but the actual error if the soft iron is symmetric.
+        To second order in the soft iron. It is no 1 σ, but the error itself if the soft iron is symmetric.
     """
     heading, directions = level_turn(dip_deg)
     squares, worst = [], 0.0
@@ -92,7 +95,7 @@ def rotation_error(matrix: Floats, turns: Sequence[str], *, dip_deg: float) -> H
 
 
 def _products(matrix: Floats, turns: Sequence[str]) -> Iterator[Floats]:
-    """Yield (3, 3) products of a composed matrix with each possible sensor: a rotation and the remaining error."""
+    """Yield the (3, 3) product of a composed matrix and the soft iron, for each soft iron that the turns allow."""
     squares, axes = np.linalg.eigh(matrix.T @ matrix)
     sensor = (axes / np.sqrt(squares)) @ axes.T
     known = [sensor[axis_order(plane)[:2]] for plane in PLANES if plane in turns]
@@ -112,7 +115,7 @@ def refuse_unloaded(first: Fit, turn: Turn, *, dip_deg: float, source: str) -> N
     mean near zero, except for a part of the vertical field that soft iron adds.
 
     Raises `UsageError` if the amplitude is wrong by a factor of three, or if the mean is nearer to the offset of the
-    calibration than to zero, or, after other turns, far from zero.
+    calibration than to zero. After other turns, it also raises `UsageError` if the mean is far from zero.
 
     Parameters
     ----------
@@ -172,10 +175,10 @@ def compose(first: Fit, fit: Fit) -> Fit:
     Returns
     -------
     Fit
-        Calibration to load in place of the first; `turns_of` gives all turns so far. Its heading error, for a level
-        vehicle, combines the claims of the turns and the error from the rotation of the matrix: that of the last turn
-        in xy and of the turns after it. It is 180° if it is not known: without a turn in xy so far, or if the loaded
-        calibration has no claim. There is no covariance, as offset and matrix of several turns are correlated.
+        Calibration to load in place of the first; `turns_of` gives all turns so far. The heading error is for a level
+        vehicle. It combines the claims of the last turn in xy and of the turns after it with the error from the
+        rotation of the matrix. It is 180°, which stands for unknown, without a turn in xy or if the loaded calibration
+        has no claim. There is no covariance, as offset and matrix of several turns are correlated.
 
     Examples
     --------
@@ -225,7 +228,7 @@ def as_dict(both: Fit) -> dict[str, Any]:
 
 
 def _claimed_error(first: Fit, fit: Fit, turns: Sequence[str], left: HeadingError) -> HeadingError:
-    """Claimed heading error of a level vehicle, with the rotation error of the new matrix instead of the old one."""
+    """Claimed heading error of a level vehicle: the error from the rotation of the new matrix replaces the old one."""
     own, stated = fit.heading_error_deg, first.heading_error_deg
     if fit.claim.plane == "xy":
         return own
@@ -243,7 +246,7 @@ def _claimed_error(first: Fit, fit: Fit, turns: Sequence[str], left: HeadingErro
 
 
 def _finding(turns: Sequence[str], left_deg: float, target_deg: float) -> Finding:
-    """Finding about the error that the turns so far leave."""
+    """Finding about the heading error that remains after the turns so far."""
     left_deg = left_deg if {"xy", ""} & set(turns) else UNKNOWN_ANGLE_DEG
     numbers = {"is_composed": 1.0, "rotation_left_deg": left_deg, "target_deg": target_deg}
     return certain_finding({**numbers, "planes": turns}, "composed")

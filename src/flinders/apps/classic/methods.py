@@ -60,9 +60,9 @@ ROUNDING_DEG: Final = 1e-4
 """Largest difference of heading, in degrees, that comes from rounding alone."""
 
 MAX_CLAIM_RATIO: Final = 2.0
-"""Largest ratio of cross-validated and claimed heading error; with a larger one, the claim is too small.
+"""Largest ratio of cross-validated to claimed heading error; with a larger ratio, the claim is too small.
 
-In `tests/comparison/test_validation.py` the cross-validated error of unbiased methods is 0.8 to 1.3 of the true one.
+In `tests/comparison/test_validation.py` the cross-validated error of unbiased methods is 0.8 to 1.3 times the true one.
 """
 
 
@@ -71,9 +71,10 @@ class Entry(ShortRepr):
     """Result of one method on a recording."""
 
     method: str  #: name as it was given; `fit.evidence.method` is the method that was run
-    seconds: float  #: duration of the method alone, without the sums of readings, which all share, and its judgement
+    #: duration of the method alone, without the sums of readings, which all methods share, and without the verdict
+    seconds: float
     fit: Fit | None = None  #: None if the method gives no ellipsoid
-    #: None if the readings are too few, or cannot be fitted without one block of time
+    #: cross-validation; None if the readings are too few, or cannot be fitted without one of the blocks of time
     validation: Validation | None = None
     #: heading difference from the first method that was compared; None for that one
     difference_deg: HeadingError | None = None
@@ -84,7 +85,7 @@ class Entry(ShortRepr):
 
     @property
     def verdict(self) -> Verdict:
-        """Verdict of the fit; ``refused`` without one; at best ``limited`` if the method overclaims."""
+        """Verdict of the fit; ``refused`` without a fit, and at best ``limited`` if the method overclaims."""
         if self.fit is None:
             return "refused"
         return "limited" if self.fit.verdict == "good" and self.overclaims else self.fit.verdict
@@ -118,7 +119,7 @@ class Entry(ShortRepr):
 
     @property
     def codes(self) -> tuple[str, ...]:
-        """Stable codes of the reasons, in their order."""
+        """Stable code of each reason against trusting the method on this recording."""
         return tuple(code for code, _ in self.objections)
 
     @property
@@ -150,7 +151,7 @@ class Entry(ShortRepr):
 
 
 def _rms(error_deg: float | None) -> str:
-    """Cell of a heading error."""
+    """Text of a heading error for a cell of the table."""
     if error_deg is None:
         return "–"
     return degrees(error_deg) if error_deg > ROUNDING_DEG else "0°"
@@ -181,7 +182,7 @@ class Contest:
     entries: tuple[Entry, ...]  #: in the order of `flinders.estimators.METHODS`, or of the given names
     readings: int  #: number of readings in the recording
     blocks: int  #: number of blocks of time for cross-validation; 0 for too few readings
-    stride: int = 1  #: every so many-th reading was cross-validated
+    stride: int = 1  #: step through the readings: one of `stride` readings was cross-validated
 
     @property
     def verdict(self) -> Verdict:
@@ -259,7 +260,7 @@ def compare_methods(
     source : Samples, Recording, (N, 3) array-like, path, open file or data frame
         Readings in the order of time, or a source of `flinders.read`.
     methods : sequence of str, optional
-        Names of `flinders.estimators.METHODS`, all by default; the others are compared with the first.
+        Names of `flinders.estimators.METHODS`, all by default. Each method is compared with the first.
     blocks : int
         Number of blocks of time; reduced so that each has at least four readings.
     target_deg, site
@@ -343,7 +344,7 @@ def _validate(entry: Entry, estimator: Estimator, samples: Samples, **options: A
 
 
 def _thin(readings: Readings, stride: int) -> Samples:
-    """Every `stride`-th reading, in memory."""
+    """Samples of every `stride`-th reading, in memory."""
     recording = readings.recording
     if recording is None:
         raise NeedsSamples("compare_methods")
@@ -355,7 +356,7 @@ def _thin(readings: Readings, stride: int) -> Samples:
 
 
 def _inliers_and_dip(readings: Readings, samples: Samples, dip_deg: float) -> tuple[NDArray[np.bool_] | None, float]:
-    """(N,) inliers of `Auto`, which validate all methods, and the dip with the sign that the readings show."""
+    """(N,) readings that `Auto` uses, on which all methods are validated, and the dip with the sign of the mounting."""
     # If the recording has a field strength that varies, `Auto` cannot identify outliers.
     if samples.strength is not None and np.ptp(samples.strength) > 0.0:
         return None, dip_deg

@@ -79,7 +79,10 @@ def _entries(calibration: Calibration) -> list[str]:
 
 
 def _reasons(contest: Contest) -> list[tuple[str, str]]:
-    """Severity and reasons for methods not to be trusted: the gravest in words, others by code; equal ones joined."""
+    """Notes on methods that cannot be trusted, each a severity and a text; methods with equal reasons share a note.
+
+    The text has the gravest reason in words, and the codes of further reasons.
+    """
     said: dict[str, list[Entry]] = {}
     for entry in contest.entries:
         if entry.reasons:

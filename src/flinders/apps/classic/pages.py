@@ -84,7 +84,7 @@ def plane_rows(turn: Turn, unit: str) -> list[tuple[str, str, str]]:
 
 
 def _ellipse_cells(ellipse: PlaneEllipse, unit: str) -> list[str]:
-    """Cells of an ellipse, in the quantities of the recipe."""
+    """Cells of a table for an ellipse: mean, eigenvalues and further quantities of the recipe."""
     first, second = (figures(value, 6) for value in ellipse.eigenvalues.tolist())
     long, short = (figures(axis, 6) for axis in ellipse.semi_axes.tolist())
     return [
@@ -109,7 +109,7 @@ def spacing_words(turn: Turn, target_deg: float, *, is_mean: bool) -> str:
 
 
 def evenness(turn: Turn, target_deg: float, *, is_mean: bool) -> str:
-    """Words about the heading error that the spacing of the points gives the mean."""
+    """Words about the heading error that an uneven spacing of the points causes if their mean is the offset."""
     spacing = turn.spacing
     if spacing.cost_deg < NEGLIGIBLE_SHARE * target_deg:
         return "evenly spaced, the mean can be trusted"

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recovery:
-    """A swing of a simulated compass, and its calibration."""
+    """A swing of a simulated compass, and the calibration from that swing."""
 
     true: TwoAxis
     estimate: TwoAxis
@@ -43,7 +43,7 @@ class Recovery:
         return "limited" if self.refusal is None else "refused"
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
+        """JSON-ready fields: true and estimated parameters of the compass, the turn, and the verdict."""
         numbers = {
             "scale_x": (self.true.scale[0], self.estimate.scale[0]),  # gain of the axis
             "scale_y": (self.true.scale[1], self.estimate.scale[1]),  # gain of the axis

@@ -75,7 +75,7 @@ class TwoAxis:
         ----------
         centre : (2,) array-like, µT
         shape : (2, 2) array-like, µT
-            Maps unit vectors to readings relative to the centre; a rotation on its right does not matter.
+            Maps unit vectors to readings relative to the centre. A rotation of the unit vectors does not matter.
         horizontal : float, µT
             Horizontal field strength; raises `UsageError` if it is not positive.
         noise : float, µT
@@ -88,7 +88,7 @@ class TwoAxis:
 
     @property
     def matrix(self) -> Floats:
-        """(2, 2) matrix from the field ahead and to the right to readings without offset."""
+        """(2, 2) matrix from the field, ahead and to the right, to the readings less their offset."""
         skew = math.radians(self.skew_deg)
         return np.array([[self.scale[0], 0.0], [-self.scale[1] * math.sin(skew), self.scale[1] * math.cos(skew)]])
 
@@ -118,7 +118,7 @@ class Polar:
 
     @classmethod
     def of(cls, swung: Simulated, matrix: ArrayLike, offset: ArrayLike) -> Self:
-        """Compare a swing, raw and corrected by ``matrix @ (raw - offset)``, with its true headings."""
+        """Compare a swing with its true headings, before and after the correction ``matrix @ (raw - offset)``."""
         headings = headings_deg(len(swung.samples))
         raw = swung.samples.field
         corrected = (raw - to_floats(offset, "offset")) @ square(matrix).T

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from flinders.geometry.plane import PlaneEllipse, Turn
 
 RADIUS, LEFT, RIGHT, MIDDLE = 152, 206.0, 594.0, 288.0
-"""Of the two charts: radius, horizontal places of the centres, and their vertical place, in pixels."""
+"""Radius of the two charts, horizontal places of their centres, and vertical place of both centres, in pixels."""
 MAX_POINTS: Final = 720
 """Largest number of points that are drawn."""
 ANGLES_RAD: Final = np.linspace(0.0, 2.0 * np.pi, 120, endpoint=False)
@@ -43,7 +43,7 @@ CIRCLE: Final = np.stack([np.cos(ANGLES_RAD), np.sin(ANGLES_RAD)], axis=1)
 
 
 def turn_drawing(turn: Turn, fit: Fit) -> str:
-    """Drawing of a turn before and after the correction of a fit; a refused fit is marked, without its numbers."""
+    """Draw a turn before and after the correction of a fit; a refused fit is marked, without its numbers."""
     loaded, unit = turn.recipe if is_mean(fit) else turn.ellipse, unit_label(fit.calibration.unit)
     title = f"Turn in the plane {turn.plane}: {turn.spacing.points:,} points"
     subtitle = f"method {fit.evidence.method}; {evenness(turn, fit.claim.target_deg, is_mean=is_mean(fit))}"
@@ -69,7 +69,7 @@ def ring_step(largest: float) -> float:
 
 
 def _polar(x: float, points: Floats, plane: str, unit: str) -> tuple[Plot, str]:
-    """Polar axes at a place of the drawing, for (n, 2) points: the plot, and SVG of rings, spokes and labels."""
+    """Plot of polar axes for (n, 2) points, centred at abscissa `x`, and the SVG of its rings, spokes and labels."""
     largest = float(np.linalg.norm(points, axis=1).max())
     step = ring_step(largest)
     rings = math.ceil(largest / step)
@@ -94,7 +94,7 @@ def _polar(x: float, points: Floats, plane: str, unit: str) -> tuple[Plot, str]:
 def _side(
     x: float, kind: str, plane: str, unit: str, points: Floats, outline: Floats, loaded: PlaneEllipse | None = None
 ) -> str:
-    """Points with their ellipse or circle; with `loaded`, also its long axis and offset."""
+    """One polar chart: points with their outline and, if `loaded` is given, long axis and offset of that ellipse."""
     plot, grid = _polar(x, np.concatenate([points, outline]), plane, unit)
     size = 4.0 if len(points) <= 72 else 2.5
     places = plot.places(*points.T[::-1]).tolist()

@@ -121,7 +121,7 @@ class TwoAxisRecipe:
 
 
 def _bias(ellipsoid: Ellipsoid, reference: Estimate) -> Floats:
-    """(9,) difference of an ellipse from that of least squares, beyond the uncertainty of the latter."""
+    """(9,) difference of an ellipse from the least-squares ellipse, beyond the uncertainty of least squares."""
     apart = ellipsoid.parameters - reference.ellipsoid.parameters
     bias = np.zeros(9)
     bias[PLANE_PARAMETERS] = unexplained_part(

@@ -155,7 +155,7 @@ class TurnReadings:
         return TwoAxisFit(fit, self.turn, compose(previous, fit), notes)
 
     def _fit_arguments(self, target_deg: float, site: Site | None, sensor: str | None) -> dict[str, Any]:
-        """Arguments of a fit; for a log with several magnetometers, the name is that of the selected one."""
+        """Arguments of a fit; of a log with several magnetometers, the stored name is that of the selected one."""
         read = self.recording.recording if isinstance(self.recording, RecordingWrapper) else self.recording
         name = read.name if isinstance(read, Instrument) else sensor
         return {"target_deg": target_deg, "site": site, "sensor": name}
@@ -178,7 +178,7 @@ class TurnReadings:
 
 
 def _dip_deg(previous: Fit, dip_deg: float | None) -> float:
-    """Dip of the site, which is that of the loaded calibration."""
+    """Dip in degrees: the given one, else that of the loaded calibration; raises `UsageError` if the two contradict."""
     known = previous.heading_error_deg.dip_deg
     if math.isnan(known):
         return ASSUMED_DIP_DEG if dip_deg is None else dip_deg

@@ -1,4 +1,4 @@
-"""A fleet: recordings of many units in, one table of calibrations out.
+"""Calibrates a fleet: recordings of many units are read, and one table of calibrations is written.
 
 >>> from flinders import simulate
 >>> from flinders.apps.fleet import fit_many

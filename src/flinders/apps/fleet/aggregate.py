@@ -27,9 +27,9 @@ COLUMNS: Final = (
     "findings", "unit_of_field",
 )  # fmt: skip
 MAX_LISTED: Final = 50
-"""Units in each list of the worst."""
+"""Number of units in each list of the worst units."""
 MIN_GROUP_UNITS: Final = 2
-"""Smallest mean number of units in a group for a property to be shown; serial numbers have groups of one."""
+"""Smallest mean number of units with the same value of a property that is shown; serial numbers are not shown."""
 RANKS: Final = {"heading error": "worst_deg", "offset": "offset", "noise": "noise"}
 """Quantities by which the worst units are listed, and the attributes of `FleetUnit` that hold them."""
 
@@ -39,8 +39,8 @@ def overview_of(
 ) -> Overview:
     """Aggregate tables of `flinders fleet`: counts, histograms, and the worst units by each of `RANKS`.
 
-    `batch` is a hardware batch as for `batch_rule`, `target_deg` the worst heading error that is good enough. Raises
-    DocumentError for a file that is no table of a fleet, and UsageError for a batch that no unit has.
+    `batch` selects the hardware batch of units, see `batch_rule`; `target_deg` is the worst heading error that is good
+    enough. Raises DocumentError for a file that is no table of a fleet, and UsageError for a batch that no unit has.
     """
     rule = batch_rule(paths, batch)
     tally = _Tally(rule, {name: BatchRule(column=name) for name in added_columns(paths) if name != rule.column})
@@ -69,7 +69,7 @@ def overview_of(
 
 @dataclass(slots=True)
 class _Tally:
-    """Counts of the rows added so far."""
+    """Counts and histograms of a table's rows, to which rows are added."""
 
     rule: BatchRule
     properties: Mapping[str, BatchRule]
@@ -107,18 +107,18 @@ class _Tally:
         self._add_numbers(table)
 
     def ordered_findings(self) -> dict[str, int]:
-        """Rows with each finding, the most frequent first, and findings of all calibrations last."""
+        """Number of rows with each finding, the most frequent first; findings that all calibrations share come last."""
         common = common_findings(self.findings, self.verdicts)
         return dict(sorted(self.findings.items(), key=lambda each: (each[0] in common, -each[1])))
 
     def groups_by(self, name: str) -> dict[str, dict[str, int]]:
-        """Rows of each verdict by the value of a property; empty if the values do not group the units."""
+        """Number of rows by value of a property and by verdict; empty if the property has one value, or too many."""
         counts = self.groups.get(name, {})
         is_group = 2 <= len(counts) <= max(self.units / MIN_GROUP_UNITS, 2)
         return _counts_by_group(self.properties[name], counts, self.rows) if is_group else {}
 
     def _add_codes(self, table: Any, units: Sequence[str]) -> None:  # noqa: ANN401
-        """Add error codes, with the first message of each."""
+        """Count error codes, and store the first message of each."""
         codes, messages = texts(table.column("code")), table.column("message")
         self.codes.update(code for code in codes if code)
         for place, code in enumerate(codes):
@@ -145,7 +145,7 @@ class _Tally:
             self._rank(table, rank, sizes, shares)
 
     def _rank(self, table: Any, rank: str, numbers: Floats, shares: dict[str, Floats]) -> None:  # noqa: ANN401
-        """Add the rows with the largest numbers; of equal ones the first."""
+        """Keep the rows with the largest numbers; of rows with equal numbers, the first."""
         value, worst = attrgetter(RANKS[rank]), self.worst[rank]
         least = value(worst[-1]) if len(worst) >= MAX_LISTED else -np.inf
         places = np.flatnonzero(np.isfinite(numbers) & (numbers > least))
@@ -155,19 +155,19 @@ class _Tally:
 
 
 def _add_counts(groups: dict[str, Counter[str]], names: Sequence[str], verdicts: Sequence[str]) -> None:
-    """Add verdicts by group."""
+    """Count the verdict of each row in the group of the row."""
     for (name, verdict), count in Counter(zip(names, verdicts, strict=True)).items():
         if name in groups or len(groups) <= MAX_BATCHES:
             groups[name][verdict] += count
 
 
 def _counts_by_group(rule: BatchRule, groups: Mapping[str, Counter[str]], rows: int) -> dict[str, dict[str, int]]:
-    """Rows of each verdict by group; empty if there are too many groups, or if a guessed pattern finds none."""
+    """Number of rows by group and verdict; empty if there are too many groups, or if a guessed pattern finds none."""
     return {name: dict(groups[name]) for name in sorted(groups)} if rule.are_useful(groups, rows) else {}
 
 
 def _unit(table: Any, place: int, shares: dict[str, Floats]) -> FleetUnit:  # noqa: ANN401
-    """A row of the list of worst units."""
+    """Entry of the list of worst units, from row `place` of a table."""
     row = table.slice(place, 1).to_pylist()[0]
     texts = {name: row[name] or "" for name in ("unit", "recording", "verdict", "unit_of_field")}
     return FleetUnit(

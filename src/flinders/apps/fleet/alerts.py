@@ -1,4 +1,4 @@
-"""Alerts: units and files that crossed a limit since the last run, of a table that is extended.
+"""Alerts of an extended table: units and files that crossed a limit since the last run.
 
 A recording is compared with the previous one of the same unit, by date or else by name. A change of heading is an alert
 by the criterion of `flinders drift`: larger than the target, and significant for the number of pairs compared.
@@ -45,15 +45,15 @@ HEADING_REMEDY: Final = "look for what was moved or exchanged near the sensor, a
 
 @dataclass(frozen=True, slots=True)
 class Alert:
-    """Something that crossed a limit since the last run."""
+    """A unit or a file that crossed a limit since the last run."""
 
-    unit: str  # name of the sensor or vehicle; of a file its name in parentheses
-    recording: str  # the new one
-    alert: str  # one of those in docs/fleet/growing.md
+    unit: str  # name of the sensor or vehicle; for a file, the file name in parentheses
+    recording: str  # name of the new recording
+    alert: str  # kind of alert, one of those in docs/fleet/growing.md
     verdict: str  # verdict of the new recording
     before: str  # verdict of the previous recording; empty if there is none
     cause: str  # code of the finding or error; empty if there is none
-    number: float  # value that crossed the limit: that of the finding, or a heading error or change in degrees
+    number: float  # value that crossed the limit: number of the finding, or heading error or its change, in degrees
     limit: float  # the limit, in the unit of `number`
     message: str  # description of the finding
     remedy: str  # advice on the cause
@@ -62,7 +62,7 @@ class Alert:
     def of(
         cls, alert: str, row: UnitResult, before: UnitResult | None, changed: Mapping[str, Any] | None = None
     ) -> Self:
-        """Alert about a row of the table, with the fields of the row except those in `changed`."""
+        """Make an alert from a row of the table; `changed` replaces some of the row's fields."""
         fields: dict[str, Any] = {
             "unit": row.unit, "recording": row.recording, "alert": alert, "verdict": row.verdict,
             "before": before.verdict if before else "", "cause": row.cause, "number": row.number,
@@ -114,7 +114,7 @@ def _successive_rows(new: Sequence[UnitResult], earlier: Iterable[UnitResult]) -
 
 
 def _of_verdict(one: _Successive, target_deg: float) -> Iterator[Alert]:
-    """Alert about a verdict that became worse, or else an error that went above the target."""
+    """Yield an alert if the verdict became worse, or else if the heading error rose above the target."""
     row, before, _ = one
     known = "good" if before is None else before.verdict
     if VERDICTS.index(row.verdict) > VERDICTS.index(known):
@@ -124,7 +124,7 @@ def _of_verdict(one: _Successive, target_deg: float) -> Iterator[Alert]:
 
 
 def _of_headings(found: Iterable[_Successive], target_deg: float) -> list[Alert]:
-    """Alerts about headings that changed between two calibrations in one unit of field."""
+    """Alerts about headings that changed between two calibrations in the same unit of field."""
     pairs = [
         (row, before, reference)
         for row, before, reference in found
@@ -149,7 +149,7 @@ def _has_calibration(row: UnitResult) -> bool:
 
 
 def _ellipsoids(rows: Sequence[UnitResult]) -> EllipsoidPairs:
-    """Ellipsoids of calibrations."""
+    """Ellipsoids of the calibrations in some rows."""
     offset, matrix, covariance, radius = (
         np.array([getattr(row, name) for row in rows]) for name in ("offset", "matrix", "covariance", "field_strength")
     )

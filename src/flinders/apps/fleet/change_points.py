@@ -58,7 +58,7 @@ MAX_PAIRS: Final = 20_000
 MIN_PAIRS: Final = 40
 """Smallest number of pairs from which a variance is estimated; with fewer, claimed covariances stay as they are."""
 GROUPS: Final = 4
-"""Groups of pairs, by the share of their variance that grows with time."""
+"""Number of groups of pairs, by the ratio of time to claimed variance."""
 FACTORS: Final = np.geomspace(1.0, 100.0, 25)
 """Variance factors that are tried."""
 WALKS: Final = 24
@@ -68,9 +68,9 @@ YEAR_S: Final = 365.25 * 86400.0
 
 @dataclass(frozen=True, slots=True)
 class Variance:
-    """Variance of offsets between recordings."""
+    """Variance of the offset from one recording to another: a factor on claimed variances, and a random walk."""
 
-    factor: float = 1.0  # λ, by which claimed variances are too small; 1 if they are not
+    factor: float = 1.0  # λ: the true variance is λ times the claimed one; 1 or more
     # q of each axis, as a fraction of the field per √s; per √recording if dates are not known
     random_walk: float = 0.0
     pairs: int = 0  # number of pairs
@@ -107,7 +107,7 @@ def estimate_variance(changes: Floats, claimed: Floats, seconds: Floats) -> Vari
 
 
 def _typical_walk(squares: Floats, time: Floats) -> float:
-    """Squared random walk that alone would explain the changes."""
+    """Squared random walk of each axis that would explain the changes without errors of the calibrations."""
     far = time > 0.0
     if not far.any():
         return 0.0
@@ -116,21 +116,24 @@ def _typical_walk(squares: Floats, time: Floats) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Pairs:
-    """Pairs of recordings, along the principal axes of their claimed covariance."""
+    """Squared changes and claimed variances of n pairs of recordings, along axes of their claimed covariance."""
 
     squares: Floats  # (n, 3) squared changes
     values: Floats  # (n, 3) claimed variances
-    time: Floats  # (n,)
-    groups: list[Places]  # rows of pairs with like shares of time in their variance
+    time: Floats  # (n,) time between both recordings, s
+    groups: list[Places]  # indices of pairs, grouped by the ratio of time to claimed variance
 
     def nearest(self, factors: Floats, walks: Floats) -> tuple[float, float]:
-        """Variance factor and squared random walk with the smallest misfit."""
+        """Variance factor and squared random walk with the smallest misfit, among those given."""
         misfits = np.stack([self._misfits(factors, walk) for walk in walks.tolist()])
         row, column = np.unravel_index(int(np.argmin(misfits)), misfits.shape)
         return float(factors[column]), float(walks[row])
 
     def _misfits(self, factors: Floats, walk: float) -> Floats:
-        """Squared log ratio of the medians of chi-square to the expected one, plus a small penalty of the factor."""
+        """(F,) misfit of each factor: squared log ratios of the groups' median chi-square to the expected median.
+
+        A small penalty on the factor is added, so that of equal misfits the smallest factor wins.
+        """
         drift, axes = walk * self.time, zip(self.squares.T, self.values.T, strict=True)
         chi_square = np.add.reduce([square / (factors[:, np.newaxis] * value + drift) for square, value in axes])
         medians = np.stack([np.median(chi_square[:, group], axis=1) for group in self.groups]).clip(min=1e-300)
@@ -183,12 +186,12 @@ MAX_SIDE_RECORDINGS: Final = 6
 OWN_DRIFT_SIGNIFICANCE: Final = 0.05
 """Significance at which the other intervals show that a unit drifts faster than its fleet."""
 INTERVAL_FREEDOM: Final = 2
-"""Degrees of freedom of an interval for a unit's own drift, which is their lower median."""
+"""Degrees of freedom of each interval in the estimate of a unit's own drift, the lower median over intervals."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChangePoint:
-    """A change point."""
+    """A change point of an offset: the interval between two recordings in which it moved."""
 
     after: int  # index in `OffsetSeries` of the last recording before it
     moved: Floats  # (3,) change of the offset, as a fraction of the field
@@ -197,7 +200,7 @@ class ChangePoint:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class IntervalTests:
-    """Test of each of G intervals."""
+    """Results of the test of G intervals between recordings for a step of the offset."""
 
     segment: Places  # (G,) its segment of recordings
     after: Places  # (G,) index of the last recording before it
@@ -215,7 +218,10 @@ class IntervalTests:
 
 
 def change_points(series: OffsetSeries, variance: Variance, *, chance: float) -> list[ChangePoint]:
-    """Change points significant at `chance`, in the order of recordings; each side of one is searched again."""
+    """Change points significant at `chance`, in the order of recordings.
+
+    After one is found, the recordings on each side of it are searched again.
+    """
     cuts: list[Places] = []
     begin, end = series.first[:-1], series.first[1:]
     while len(begin):
@@ -230,7 +236,7 @@ def change_points(series: OffsetSeries, variance: Variance, *, chance: float) ->
 
 
 def _test_again(series: OffsetSeries, cuts: Places, variance: Variance, chance: float) -> list[ChangePoint]:
-    """Test each step again between its neighbouring steps; an early one may be an artefact of two later ones."""
+    """Test each step again between its neighbouring steps: a step found early may be an artefact of two later ones."""
     if not len(cuts):
         return []
     ends = np.union1d(cuts, series.first)
@@ -244,7 +250,10 @@ def _test_again(series: OffsetSeries, cuts: Places, variance: Variance, chance: 
 
 
 def interval_tests(series: OffsetSeries, begin: Places, end: Places, variance: Variance) -> IntervalTests:
-    """Test each interval of segments of recordings (S,) to (S,): the offset after it against the offset before it."""
+    """Test each interval between two recordings of S segments: the offset after it against the offset before it.
+
+    Segment s has the recordings from `begin[s]` up to, but without, `end[s]`.
+    """
     count = np.maximum(end - begin - 1, 0)
     segment = np.repeat(np.arange(len(begin)), count)
     after = np.arange(len(segment)) - np.repeat(np.cumsum(count) - count, count) + begin[segment]
@@ -272,7 +281,11 @@ def _estimates(
     square: Floats,
     variance: Variance,
 ) -> tuple[Floats, Floats]:
-    """(G, 3) Kalman estimates of the offset and (G, 3, 3) covariances, from G recordings and those on one side."""
+    """(G, 3) Kalman estimates of the offset at G recordings and their (G, 3, 3) covariances.
+
+    An estimate uses the recording itself and the recordings on one side of it: `direction` is −1 for earlier, 1 for
+    later ones.
+    """
     information, weighted = np.zeros((len(places), 3, 3)), np.zeros((len(places), 3, 1))
     origin = series.offset[places]
     for steps in range(MAX_SIDE_RECORDINGS - 1, -1, -1):
@@ -293,7 +306,7 @@ def _estimates(
 def _step_chi_square(
     series: OffsetSeries, tests: IntervalTests, place: int, ends: tuple[Places, Places], variance: Variance
 ) -> float:
-    """Decrease in chi-square by a step on top of a straight line; infinite for two recordings: no test is possible."""
+    """Decrease in chi-square by a step on top of a straight line; infinite for two recordings, which allow no test."""
     segment, after = tests.segment[place], int(tests.after[place])
     first, end = (
         max(int(ends[0][segment]), after + 1 - MAX_SIDE_RECORDINGS),
@@ -324,7 +337,7 @@ def _chi_square(offset: Floats, regressors: Sequence[Floats], covariance: Floats
 def _random_walks(
     series: OffsetSeries, after: Places, low: Places, high: Places, variance: Variance
 ) -> tuple[Floats, Floats]:
-    """(G,) q² of each interval, and its degrees of freedom: 0 if q is the fleet's, else those of the unit's own q."""
+    """(G,) squared random walk q² of each interval, and degrees of freedom of q²: 0 for the q of the fleet."""
     excess, chi_square = _successive_walks(series, variance)
     around = np.concatenate([np.arange(1 - MAX_SIDE_RECORDINGS, 0), np.arange(1, MAX_SIDE_RECORDINGS)])
     others = after[:, np.newaxis] + around
@@ -340,7 +353,10 @@ def _random_walks(
 
 
 def _successive_walks(series: OffsetSeries, variance: Variance) -> tuple[Floats, Floats]:
-    """(R − 1,) squared random walk of each change, NaN between recordings of one time, and its chi-square."""
+    """(R − 1,) squared random walk of each change between successive recordings, and chi-square of the change.
+
+    The random walk is NaN if both recordings have the same time.
+    """
     changes, interval = np.diff(series.offset, axis=0), np.abs(np.diff(series.time))
     noise = variance.factor * (series.covariance[1:] + series.covariance[:-1])
     beyond = np.sum(changes**2, axis=1) - np.einsum("nii->n", noise)

@@ -1,12 +1,13 @@
-"""The folder of an unfinished run: a file for each finished partition.
+"""Checkpoint of a run: a folder with a file for each finished partition.
 
 Next to the table, ``calibrations.parquet``, a folder ``calibrations.parquet.parts`` holds a file for each finished
-partition, and the plan that they belong to. A run with `append` does the missing ones; the table is the same to the
+partition, and the plan of the run. A run with `append` calibrates the missing partitions; the table is the same to the
 last byte, for any number of workers. The folder is removed when the table is written. If the table goes to a store, the
 folder lies in the working directory.
 
 The table is synced to the disk before it gets its name, partitions are not: after a power cut some may be missing, cut
-short or empty. Their names hold length and check sum, and a partition that does not match is done again.
+short or empty. The name of a partition's file holds length and check sum; a partition that does not match is calibrated
+again.
 """
 
 from __future__ import annotations
@@ -69,7 +70,7 @@ class Checkpoint:
         return checkpoint
 
     def close(self) -> None:
-        """Let other runs use the folder."""
+        """Unlock the folder for other runs."""
         if self.lock is not None:
             os.close(self.lock)
 
@@ -85,7 +86,7 @@ class Checkpoint:
             self._clear()
 
     def _clear(self) -> None:
-        """Remove all files."""
+        """Remove all files from the folder."""
         for path in self.folder.iterdir():
             path.unlink()
 
@@ -150,18 +151,18 @@ class Checkpoint:
                 temporary.unlink()
 
     def remove(self) -> None:
-        """Remove the folder; if that fails, nothing is lost."""
+        """Remove the folder; errors are ignored."""
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
 def folder_of(out: str | os.PathLike[str]) -> Path:
-    """Folder of the run that writes a table."""
+    """Path of the checkpoint folder of the run that writes a table."""
     table = os.fspath(out)
     return Path(f"{PurePosixPath(table).name if is_remote(table) else table}.parts")
 
 
 def files_begun(out: str | os.PathLike[str]) -> list[str]:
-    """Names of the files that a stopped run was to add to this table; empty if no run was stopped."""
+    """Names of the files whose rows a stopped run was to add to this table; empty if no run was stopped."""
     return list(_read_plan(folder_of(out) / PLAN).get("files", ()))
 
 

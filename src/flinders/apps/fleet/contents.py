@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from flinders.apps.fleet.not_good import NotGood
 
 MAX_SENSORS_OF_A_BODY: Final = 8
-"""Largest number of units in a table that may be the sensors of one body, which are shown one by one."""
+"""Largest number of units in a table that may be the sensors of one body; their readings may be one recording."""
 MAX_NAMES: Final = 3
 """Largest number of units that a message names."""
 DEFAULT_TABLE: Final = "calibrations.parquet"
@@ -83,7 +83,7 @@ class Contents:
         return asdict(self)
 
     def page(self) -> RenderableType:
-        """Page of the terminal."""
+        """Lay out the contents as a page of the terminal."""
         from rich.console import Group
 
         from flinders.apps.fleet.run_page import cause_list, of_verdicts
@@ -98,7 +98,7 @@ class Contents:
 
 
 def contents_of(path: str) -> Contents | None:
-    """Contents of a path; None for a recording of one sensor, and for a path that cannot be read."""
+    """Find out what a path contains; None for a recording of one sensor, and for a path that cannot be read."""
     try:
         if Path(path).is_dir():
             return _of_folder(path)

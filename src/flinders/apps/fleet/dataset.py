@@ -1,4 +1,4 @@
-r"""Datasets of Parquet and Arrow files whose rows are readings of many units: files, row groups, columns of keys.
+r"""Datasets of Parquet and Arrow files whose rows are readings of many units: files, row groups, key columns.
 
 >>> import tempfile
 >>> import pyarrow
@@ -58,21 +58,21 @@ if TYPE_CHECKING:
     from flinders.readers.parquet import Extent
 
 Pair: TypeAlias = tuple[str, str]
-"""Unit and recording."""
+"""Names of unit and recording."""
 
 BUFFER_BYTES: Final = 1 << 20
-"""Bytes of a column that are read at a time, as a row group may hold any number of rows."""
+"""Number of bytes of a column that are read at a time, as a row group may hold any number of rows."""
 BATCH_ROWS: Final = 131_072
-"""Rows that are converted at a time."""
+"""Number of rows that are converted at a time."""
 PREVIEW_ROWS: Final = 1_024
-"""Rows from which columns are recognised."""
+"""Number of first rows from which columns are recognised."""
 USED_COLUMNS: Final = (TIME, STRENGTH, TEMPERATURE, CURRENT, THROTTLE, CURRENTS, THROTTLES)
 """Kinds of columns that a fit without aiding sensors uses; others are not read."""
 
 
 @dataclass(frozen=True, slots=True)
 class TableFile:
-    """An open file of rows."""
+    """An open table file, whose rows are read in groups."""
 
     name: str  # for messages
     kind: str  # Parquet, Arrow or CSV
@@ -113,7 +113,7 @@ def open_table_file(file: StoredFile, options: Options) -> Iterator[TableFile]:
 
 
 def _parquet(name: str, where: Any, size: int, options: Options) -> TableFile:  # noqa: ANN401
-    """Open a Parquet file; columns of keys stay dictionaries if they were written as such."""
+    """Open a Parquet file; a key column stays dictionary-encoded if the file stores it so."""
     from pyarrow import parquet
 
     bounded = {"buffer_size": BUFFER_BYTES, "pre_buffer": False, "page_checksum_verification": True}
@@ -150,7 +150,7 @@ def _csv(name: str, path: Path, options: Options) -> TableFile:
 
 
 def table_in_memory(name: str, kind: str, table: Any) -> TableFile:  # noqa: ANN401
-    """A table of Arrow as a file of one group."""
+    """Make a `TableFile` of one group from an Arrow table in memory."""
 
     def batches(_: Sequence[int], columns: list[str], rows: int) -> Iterator[Any]:
         yield from table.select(columns).to_batches(max_chunksize=rows)
@@ -159,7 +159,7 @@ def table_in_memory(name: str, kind: str, table: Any) -> TableFile:  # noqa: ANN
 
 
 def _extent(ends: Extent | None, kind: Any) -> tuple[str, str] | None:  # noqa: ANN401
-    """Least and greatest text of a row group; None if it is not known, or values would sort differently."""
+    """Least and greatest text of a row group; None if the file does not state them, or values sort unlike texts."""
     types = needs_arrow().types
     kind = kind.value_type if types.is_dictionary(kind) else kind
     is_integer, is_text = types.is_integer(kind), str(kind) in TEXTS
@@ -194,7 +194,7 @@ def _arrow(name: str, where: Any, size: int) -> TableFile:  # noqa: ANN401
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeyedTable:
-    """A table of readings of units."""
+    """A table file of readings of many units, with its columns recognised."""
 
     file: TableFile
     keys: KeyColumns
@@ -237,9 +237,9 @@ class KeyedTable:
         return 0.0 if time is None else time.start * time.factor
 
     def batches(self, groups: Sequence[int], names: Interner) -> Iterator[tuple[Runs, list[NDArray[np.floating]]]]:
-        """Yield the runs of recordings, as numbers in `names`, and K columns (B,) of each batch of rows, in order.
+        """Yield the recording of each row, as run lengths, and K columns (B,), for each batch of B rows, in order.
 
-        `names` also gets the hardware batch of each recording.
+        `names` numbers the recordings, and gets the hardware batch of each.
         """
         places = places_of(self.schema)
         wanted = [places[cell] for cell in self.recording.columns.cells]
@@ -249,13 +249,13 @@ class KeyedTable:
             yield _runs(batch, self.keys, names), values
 
     def samples(self, values: Values, source: str) -> Samples:
-        """Samples from K columns (N,)."""
+        """Make `Samples` from the K columns (N,) of a recording."""
         known = self.recording
         return known.columns.samples(values, unit=known.unit, axes=known.axes, source=source)
 
     @property
     def schema(self) -> Any:  # noqa: ANN401
-        """Schema without the columns of keys."""
+        """Schema without the key columns."""
         return _schema_without_keys(self.file.schema, self.keys)
 
 
@@ -269,7 +269,7 @@ def no_units(name: str, columns: Sequence[str]) -> UsageError:
 
 
 def counts_of(file: TableFile, keys: KeyColumns, groups: Sequence[int], names: Interner) -> Counter[Pair]:
-    """Count the rows of each recording in some groups, from the columns of keys alone."""
+    """Count the rows of each recording in some groups, from the key columns alone."""
     counts: Counter[int] = Counter()
     if not keys.columns:
         number = names.number(keys.pair, keys.batch.value)
@@ -294,7 +294,7 @@ def _first_rows(file: TableFile, names: list[str]) -> Iterator[Any]:
 
 
 def _runs(batch: Any, keys: KeyColumns, names: Interner) -> Runs:  # noqa: ANN401
-    """Run lengths of recordings, as numbers in `names`, which also gets their hardware batches."""
+    """Recording of each row of a batch, as run lengths; `names` numbers the recordings, and gets their batches."""
     every = (keys.unit, keys.recording, keys.batch)
     coded = [_dictionary(batch, key.column) if key.column else ([key.value], None) for key in every]
     return runs_of(coded, batch.num_rows, names)
@@ -303,7 +303,8 @@ def _runs(batch: Any, keys: KeyColumns, names: Interner) -> Runs:  # noqa: ANN40
 def runs_of(coded: Sequence[tuple[list[str], NDArray[np.integer] | None]], rows: int, names: Interner) -> Runs:
     """Run lengths of recordings, from three columns: unit, recording and hardware batch.
 
-    Each column is its distinct texts and (N,) the index of each row's text, or None if all rows have the first text.
+    A column is given as its distinct texts and the (N,) index of each row's text; None as index means that all rows
+    have the first text.
     """
     is_first = np.ones(rows, dtype=bool)
     changes = [places[1:] != places[:-1] for _, places in coded if places is not None]
@@ -322,7 +323,7 @@ def runs_of(coded: Sequence[tuple[list[str], NDArray[np.integer] | None]], rows:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Runs:
-    """Run-length code of the recording of each row.
+    """Recording of each row of a table, as a run-length code.
 
     >>> Runs(np.array([7, 4]), np.array([2, 1])).rows
     array([7, 7, 4])
@@ -346,7 +347,7 @@ class Runs:
 
 
 class Interner:
-    """Numbers for recordings, in the order of their first use, and the hardware batches of their units.
+    """Numbers recordings in the order of their first use, and stores the hardware batches of their units.
 
     >>> names = Interner()
     >>> names.number(("A17", "monday")), names.number(("A17", "friday"), "lot 7"), names.number(("A17", "monday"))
@@ -361,7 +362,7 @@ class Interner:
         self._numbers: dict[Pair, int] = {}
 
     def number(self, pair: Pair, batch: str = "") -> int:
-        """Number of a recording, new for a new one; of several hardware batches, keep the first by name."""
+        """Number of a recording, given at its first use. Of several hardware batches, the first by name is kept."""
         number = self._numbers.setdefault(pair, len(self.pairs))
         if number == len(self.pairs):
             self.pairs.append(pair)
@@ -378,7 +379,7 @@ def extents_of(file: TableFile, keys: KeyColumns) -> list[tuple[str, str] | None
 
 
 def units_of(file: TableFile, keys: KeyColumns, groups: Sequence[int]) -> set[str]:
-    """Units of some groups, from their column alone; of an unreadable group, those named in the footer."""
+    """Units of some groups, from the column of units alone; for an unreadable group, the units in the footer."""
     if not keys.unit.column:
         return {keys.unit.value}
     try:
@@ -395,7 +396,7 @@ def units_of(file: TableFile, keys: KeyColumns, groups: Sequence[int]) -> set[st
 
 
 def _units_in(file: TableFile, keys: KeyColumns, groups: Sequence[int]) -> set[str]:
-    """Units of some groups, from their column alone; raises UnreadableInput."""
+    """Units of some groups, from the column of units alone; raises UnreadableInput."""
     units: set[str] = set()
     for batch in file.batches(groups, [keys.unit.column]):
         texts, places = _dictionary(batch, keys.unit.column)
@@ -404,7 +405,7 @@ def _units_in(file: TableFile, keys: KeyColumns, groups: Sequence[int]) -> set[s
 
 
 def _schema_without_keys(schema: Any, keys: KeyColumns) -> Any:  # noqa: ANN401
-    """Schema without the columns of keys."""
+    """Schema without the key columns."""
     return needs_arrow().schema([field for field in schema if field.name not in keys.columns])
 
 

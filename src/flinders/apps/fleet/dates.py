@@ -1,6 +1,6 @@
 """Dates of recordings, by their clocks or in their names, and the order of the recordings of a unit.
 
-A recording has a date if its clock counts from 1970. A clock that counts from power-on does not order recordings: then
+A recording has a date if its clock counts from 1970. A clock that counts from power-on does not order recordings. Then
 all recordings of the unit need an ISO 8601 date in their names, or none of them has one and they are ordered by name.
 
 >>> date_of("V101/2026-01-10T12-30-05.csv") - date_of("20260110.ulg")
@@ -41,9 +41,9 @@ ISO_DATE: Final = re.compile(
     r"(?:(?:(?P<iso>T)|[\s_/-]{1,2})(?P<time>\d\d(?P<colon>[-:_])\d\d(?:(?P=colon)\d\d)?|\d{6}|(?<=T)\d{4})"
     r"(?(iso)(?P<zone>Z|[+-]\d\d:?\d\d)?)(?![-:_+]?\d))?"
 )
-"""ISO 8601 with the separators of file names; other digits after a date may number recordings."""
+"""Pattern of a date in ISO 8601 with separators as in file names; further digits may number recordings."""
 OTHER_DATE: Final = re.compile(r"(?<!\d)\d{1,2}([-_./])\d{1,2}\1(?:19[89]|20\d)\d(?!\d)")
-"""A date whose day and month cannot be distinguished, so that it gives no order."""
+"""Pattern of a date whose day and month cannot be distinguished, so that it gives no order."""
 
 
 def is_date(seconds: Floats) -> NDArray[np.bool_]:
@@ -120,7 +120,7 @@ def arrange(names: Sequence[str], start_s: Floats, tables: Sequence[int] | None 
 
 
 def _dates_in(names: Sequence[str]) -> tuple[list[float], bool]:
-    """Dates in names, and whether they give an order: all names have one, or none."""
+    """Dates in names, and whether they give an order: either all names have a date, or none has."""
     each = [_date_in(name) for name in names]
     # digits after a date are times of day if all names allow it; else they number recordings
     are_times = all(math.isfinite(date.time_s) for date in each if date.has_time)

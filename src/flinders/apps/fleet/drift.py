@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 FALSE_ALARM_PROBABILITY: Final = 0.01
-"""Probability of a false alarm in a whole fleet, as in a comparison of two calibrations."""
+"""Largest probability of a false alarm in a whole fleet, equal to that in a comparison of two calibrations."""
 DIP_DEG: Final = 60.0
 """Dip of the field, in degrees, if the tables have none."""
 
@@ -82,7 +82,7 @@ def drift_of(
     batch : str, optional
         Hardware batch, as for `flinders.apps.fleet.history.batch_rule`.
     most : int
-        Units and steps that are listed.
+        Largest number of listed units, and of listed steps.
     each : callable, optional
         Called with the results of some units at a time, in the order of their names.
     """
@@ -120,7 +120,7 @@ def drift_of(
 
 @dataclass(slots=True)
 class _Survey:
-    """First pass: counts, and samples of pairs of recordings with and without dates."""
+    """First pass over the tables: counts, and samples of pairs of recordings, with and without dates."""
 
     units: int = 0
     calibrations: int = 0
@@ -136,7 +136,7 @@ class _Survey:
 
     @classmethod
     def of(cls, paths: Sequence[str | os.PathLike[str]], rule: BatchRule) -> _Survey:
-        """Survey of all tables."""
+        """Read all tables, and count and sample."""
         survey = cls()
         for history in histories(paths, rule=rule):
             survey.add(history)
@@ -148,7 +148,7 @@ class _Survey:
         return max(self.dips, key=lambda dip: (self.dips[dip], dip), default=DIP_DEG)
 
     def add(self, history: Histories) -> None:
-        """Count units, and sample pairs."""
+        """Count the units of some histories, and sample their pairs of recordings."""
         self.dips.update(history.dip_deg[np.isfinite(history.dip_deg)].tolist())
         counts = np.diff(history.first)
         several = (counts >= 2) & history.is_known
@@ -171,7 +171,7 @@ class _Survey:
 
 
 def _variances(survey: _Survey) -> tuple[Variance, Variance]:
-    """Variance of recordings with and without dates; a kind with too few pairs gets the factor of the other."""
+    """Variance of recordings with dates and of those without; if one has too few pairs, it gets the other's factor."""
     dated, undated = survey.dated.variance(), survey.undated.variance()
     if undated.pairs < MIN_PAIRS <= dated.pairs:
         typical = survey.dated.typical_time()
@@ -238,7 +238,7 @@ DIFFERENCE_FIELDS: Final = (
 
 
 def _states(changes: Differences, rules: _Rules) -> list[str]:
-    """State of each unit."""
+    """State of each compared unit, one of `COMPARED_STATES`."""
     beyond, far = changes.p_value < rules.change_p_value_limit, changes.worst_deg > rules.target_deg
     vague = changes.sigma_deg > rules.target_deg
     states: list[str] = np.select(
@@ -273,7 +273,7 @@ def _steps_of(history: Histories, rules: _Rules) -> list[UnitStep]:
 
 
 def _steps_in(series: OffsetSeries, units: NDArray[np.intp], variance: Variance, chance: float) -> list[ChangePoint]:
-    """Change points of some of the units."""
+    """Find the change points of some of the units."""
     counts = np.diff(series.first)[units]
     first = np.concatenate([[0], np.cumsum(counts)])
     rows = np.arange(first[-1]) - np.repeat(first[:-1] - series.first[units], counts)
@@ -338,7 +338,7 @@ class _DriftTally:
 
 
 def _fleet_drift(survey: _Survey, rules: _Rules, results: _DriftTally, rule: BatchRule) -> FleetDrift:
-    """Put the result together."""
+    """Make the result of a comparison from the counts and lists of all units."""
     undated = rules.undated
     return FleetDrift(
         units=survey.units,
@@ -404,10 +404,10 @@ COMPARED_STATES: Final = ("recalibrate", "unsure", "changed", "steady")
 
 
 def _changed_units(states: Mapping[str, int]) -> int:
-    """Units that changed."""
+    """Number of units that changed by more than chance explains."""
     return states["recalibrate"] + states["changed"]
 
 
 def _shares(judged: int, odd: int) -> dict[str, int]:
-    """Counts of good and odd units."""
+    """Numbers of units that are ``good`` and ``odd``, as `outlying_batches` needs them."""
     return {"good": judged - odd, "odd": odd}

@@ -40,10 +40,10 @@ NAME = "the table"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeyedFrame:
-    """A data frame with readings of units: `KeyedTable` for a frame instead of a file."""
+    """A data frame with readings of many units, used like `KeyedTable`."""
 
     keys: KeyColumns
-    words: dict[str, Sequence[object]]  # cells of each column of keys
+    words: dict[str, Sequence[object]]  # cells of each key column
     recording: TableRecording  # all other columns, unit of field and axes
 
     @classmethod
@@ -77,9 +77,9 @@ class KeyedFrame:
         return 0.0 if time is None else time.start * time.factor
 
     def batches(self, _: Sequence[int], names: Interner) -> Iterator[tuple[Runs, list[NDArray[np.floating]]]]:
-        """Yield a single batch: the runs of recordings, as indices into `names`, and K columns (N,).
+        """Yield a single batch: the recording of each row, as run lengths, and K columns (N,).
 
-        `names` also gets the hardware batch of each recording.
+        `names` numbers the recordings, and gets the hardware batch of each.
         """
         every = (self.keys.unit, self.keys.recording, self.keys.batch)
         coded = [_encode(self.words[key.column]) if key.column else ([key.value], None) for key in every]
@@ -87,7 +87,7 @@ class KeyedFrame:
         yield runs_of(coded, self.rows, names), list(np.concatenate(blocks).T)
 
     def samples(self, values: Values, source: str) -> Samples:
-        """Samples from K columns (N,)."""
+        """Make `Samples` from the K columns (N,) of a recording."""
         known = self.recording
         return known.columns.samples(values, unit=known.unit, axes=known.axes, source=source)
 

@@ -1,4 +1,4 @@
-"""A table that grows: the files that it was made from, and those that are new, changed or gone.
+"""Files of a table that is extended: those that it was made from, and those that are new, changed or gone.
 
 The footer of the table lists the files, so that table and list are replaced in one step. A file is identified by its
 name below the input, its size and its time of change (in a store its tag); its content is not read again.
@@ -89,7 +89,7 @@ class ReadFiles:
 
     @classmethod
     def of(cls, files: Iterable[StoredFile], options: Options, others: Mapping[StoredFile, str] | None = None) -> Self:
-        """List of files that are recordings, and of `others` that are none, with their kinds."""
+        """List of `files`, which are recordings, and of `others`, which are not, with their kinds."""
         kinds = others or {}
         read = {each.name: (each.size, each.stamp, kinds.get(each, "")) for each in (*files, *kinds)}
         return cls(asdict(options), dict(sorted(read.items())))
@@ -112,7 +112,7 @@ class ReadFiles:
 
     @classmethod
     def loads(cls, text: bytes) -> Self:
-        """Read a text of `dumps`."""
+        """Read a list from the text that `dumps` has made."""
         table = needs_arrow().ipc.open_stream(base64.b64decode(text)).read_all()
         name, *state = (column.to_pylist() for column in table.columns)
         files = dict(zip(name, zip(*state, strict=True), strict=True))
@@ -157,7 +157,7 @@ class ReadFiles:
                     new.append(each)
                 else:
                     faults[each.name] = ChangedFile(each.name, known[0], each.size)
-        if len(files) - len(new) < len(self.files):  # else all that are known are there
+        if len(files) - len(new) < len(self.files):  # otherwise all earlier files are present
             present = {each.name for each in files}
             gone = (name for name, state in self.files.items() if name not in present and not state[2])
             faults |= {name: VanishedFile(name) for name in gone}
@@ -169,7 +169,7 @@ class ReadFiles:
         return [name for name, (_, _, kind) in self.files.items() if not kind]
 
     def other_files(self, files: Sequence[StoredFile]) -> list[str]:
-        """Kinds of the files that are known to be no recordings."""
+        """Kinds of those `files` that an earlier run found to be no recordings."""
         kinds = {name: kind for name, (_, _, kind) in self.files.items() if kind}
         return [kinds[each.name] for each in files if each.name in kinds] if kinds else []
 

@@ -53,34 +53,34 @@ IDENTITY_COLUMNS: Final = ("unit", "recording", "start_s", "end_s", "readings", 
 TABLE: Final = "table of the row"
 """Name of an added column: the number of the table, counted from 0."""
 BLOCK_ROWS: Final = 16_384
-"""Rows that are read at a time, of all tables together."""
+"""Number of rows that are read at a time, of all tables together."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OffsetSeries:
-    """Offsets of many units over time."""
+    """Offsets of U units over time, R in all."""
 
-    first: NDArray[np.intp]  # (U + 1,) first recording of each unit, in the order of time; and the end of the last
+    first: NDArray[np.intp]  # (U + 1,) index of each unit's first recording, and R; recordings are in the order of time
     time: Floats  # (R,) in s, or the number of each recording if dates are not known
     offset: Floats  # (R, 3) as a fraction of the field
-    covariance: Floats  # (R, 3, 3)
+    covariance: Floats  # (R, 3, 3) of the offset
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Histories:
-    """Calibrations of some units, those of a unit together and in the order of time."""
+    """Calibrations of U units, unit by unit and in the order of time."""
 
-    unit: NDArray[np.object_]  # (U,) sorted names, of units without a calibration too
+    unit: NDArray[np.object_]  # (U,) sorted names, including units without a calibration
     batch: NDArray[np.object_]  # (U,) hardware batch; empty if it is not known
-    first: NDArray[np.intp]  # (U + 1,) first calibration of each
+    first: NDArray[np.intp]  # (U + 1,) index of each unit's first calibration, and R
     # (U,) whether the order of a unit's recordings is known; if not, recordings are sorted by name
     is_known: NDArray[np.bool_]
     is_dated: NDArray[np.bool_]  # (U,) whether the dates of all recordings of the unit are known
-    recording: NDArray[np.object_]  # (R,)
+    recording: NDArray[np.object_]  # (R,) name of the recording
     date_s: Floats  # (R,) in s since 1970; NaN if it is not known
     calibrations: EllipsoidPairs  # R calibrations
-    unit_of_field: NDArray[np.object_]  # (R,)
-    dip_deg: Floats  # (R,)
+    unit_of_field: NDArray[np.object_]  # (R,) ``uT`` or ``counts``
+    dip_deg: Floats  # (R,) dip of the field for which headings were judged
     verdicts: Mapping[tuple[str, str], int]  # number of rows by batch and verdict, also of rows without a calibration
     left_out: int  # rows without a calibration, or in another unit of field than the first row of their unit
     duplicates: int  # rows of recordings that a later table has too
@@ -92,7 +92,7 @@ class Histories:
 
     @property
     def offsets(self) -> OffsetSeries:
-        """Offsets as fractions of the field of a unit's first recording; without dates, time counts recordings."""
+        """Offsets over time, as fractions of the unit's first field strength; without dates, time counts recordings."""
         radius = self.calibrations.radius[self.first[self.line]] if len(self.calibrations) else np.empty(0)
         covariance = self.calibrations.covariance[:, :3, :3] / radius[:, np.newaxis, np.newaxis] ** 2
         time = np.where(self.is_dated[self.line], self.date_s, np.arange(len(self.line)) - self.first[self.line])
@@ -100,7 +100,7 @@ class Histories:
 
     @classmethod
     def of_table(cls, table: Any, rule: BatchRule | None = None, duplicates: int = 0) -> Histories:  # noqa: ANN401
-        """Histories from the rows of whole units, one row for each recording."""
+        """Make histories from the rows of whole units, one row for each recording."""
         from pyarrow import compute
 
         rows, table = len(table), named_rows(table)
@@ -164,7 +164,7 @@ def _order_rows(table: Any, line: NDArray[np.intp], units: int) -> tuple[NDArray
 def histories(
     paths: Sequence[str | os.PathLike[str]], *, rule: BatchRule | None = None, rows: int = BLOCK_ROWS
 ) -> Iterator[Histories]:
-    """Yield histories from Parquet tables of a fleet, whole units at a time, about `rows` rows of all tables together.
+    """Yield histories of whole units from Parquet tables of a fleet, each from about `rows` rows of all tables.
 
     Raises DocumentError for a file that is no table of a fleet, or is not sorted by unit.
     """
@@ -175,7 +175,7 @@ def histories(
 
 
 def whole_units(paths: Sequence[str | os.PathLike[str]], columns: Sequence[str]) -> Iterator[Any]:
-    """Yield tables of Arrow with all rows of some units, in the order of their names, each recording once.
+    """Yield Arrow tables with all rows of some units, in the order of the units' names, each recording once.
 
     An added column is null for tables without it; errors as for `histories`.
     """
@@ -253,7 +253,10 @@ def _without_duplicates(table: Any) -> Any:  # noqa: ANN401
 
 
 def _key(unit: str, recording: str | None, start_s: float | None, *others: Any) -> tuple[Any, ...]:
-    """Identity of a recording: its start if that is a date, else also end and readings; without a name the offset."""
+    """Key of a recording, equal in all tables that have it: unit, name and start.
+
+    If the start is no date, end and number of readings are added, and also the offset of a recording without a name.
+    """
     if start_s is not None and is_date(np.array([start_s]))[0]:
         return unit, recording, start_s
     *span, offset = others
@@ -277,7 +280,7 @@ def _last_unit(table: Any) -> str:  # noqa: ANN401
 
 
 def _split(table: Any, limit: str | None) -> tuple[Any, Any]:  # noqa: ANN401
-    """Rows of units before a name, and the other rows; all rows and None without a limit."""
+    """Split a table: rows of units whose names sort before `limit`, and the others; all and None without a limit."""
     if limit is None:
         return table, None
     from pyarrow import compute
@@ -301,14 +304,14 @@ def _has_common_unit(line: NDArray[np.intp], field: NDArray[np.object_]) -> NDAr
 BATCH_COLUMN: Final = "batch"
 """Default column of the hardware batch, unless it is empty."""
 PREFIX: Final = re.compile(r"^(.+)[-_:/.][^-_:/.]+$")
-"""All but the last part of a unit's name: the hardware batch, if there is no column."""
+"""Pattern of all but the last part of a unit's name, which is the hardware batch if there is no column for it."""
 MAX_BATCHES: Final = 2_000
 """Largest number of hardware batches; with more, none is assumed."""
 
 
 @dataclass(frozen=True, slots=True)
 class BatchRule:
-    """Rule for the hardware batch: the column, else the pattern.
+    """Rule for the hardware batch of a unit: a column of the table, or else a pattern in the unit's name.
 
     >>> BatchRule(pattern=pattern_of("^L[0-9]", ())).of_name("L2-0017")
     'L2'
@@ -421,7 +424,7 @@ def _has_text(paths: Paths, name: str) -> bool:
 
 
 def _cells(paths: Paths, name: str) -> Iterator[str]:
-    """Yield the distinct texts of a column, of each part of all tables that have it."""
+    """Yield the distinct texts of a column, for each part of each table that has the column."""
     arrow = needs_arrow()
     from pyarrow import parquet
 

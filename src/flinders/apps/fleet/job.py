@@ -91,9 +91,9 @@ def run(
 ) -> RunSummary:
     """Calibrate a fleet.
 
-    Raises `UnreadableInput` if there is nothing to read; `UsageError` before any work, for options that cannot be used,
-    or if an earlier run has left partitions, or partitions of another plan; `OutputError` if results cannot be written
-    (finished partitions are kept); `LinkError` if the scheduler cannot be reached.
+    Raises `UnreadableInput` if there is nothing to read; `UsageError`, before anything is calibrated, for options that
+    cannot be used and for partitions of an earlier run that `append` cannot continue; `OutputError` if results cannot
+    be written (finished partitions are kept); `LinkError` if the scheduler cannot be reached.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def run(
     force : bool
         Overwrite `out`, and remove the partitions of an earlier run.
     properties : Properties, optional
-        Columns that are added by the names of units.
+        Properties of units, added to the table as columns.
     watch : callable, optional
         A `ProgressCallback`.
     notice : callable, optional
@@ -175,7 +175,7 @@ def _prepare(outputs: Outputs, options: Options, scheduler: str | None, *, appen
 
 
 def _stamp(table: str) -> tuple[int, int, int] | None:
-    """Inode, size in bytes and time of change of a table, by which a replaced one is noticed; None without a file."""
+    """Inode, size in bytes and time of change of a table, to detect a replaced table; None without a file."""
     try:
         status = None if is_remote(table) else os.stat(table)  # noqa: PTH116 - a text, which may be a URL
     except OSError:
@@ -270,7 +270,7 @@ def _map(
     scheduler: str | None,
     whole: Partition | None = None,
 ) -> Iterator[tuple[int, bytes | Abandoned]]:
-    """Calibrate partitions, or the parts of a `whole` one, and log workers that die."""
+    """Calibrate partitions, or the parts of a `whole` partition, in worker processes, and log workers that die."""
 
     def log_death(death: WorkerDeath) -> None:
         progress.log_death(death, None if death.place is None else partitions[death.place], whole)
@@ -309,7 +309,7 @@ def _results(
 
 
 def _file_by_file(partition: Partition, attempts: int, do: Callable[[Partition], bytes], over: Map) -> bytes:
-    """Rows of a partition whose workers died, file by file; only the rows of the fatal file are lost."""
+    """Calibrate a partition whose workers died, file by file, so that only the rows of the fatal file are lost."""
     parts = partition.split()
     rows = [] if parts else [UnitResults.of(worker.lost_rows(partition, attempts))]
     for place, result in over(do, parts, whole=partition):

@@ -23,7 +23,7 @@ NO_VALUE: Final = "__HIVE_DEFAULT_PARTITION__"
 
 
 class Key(NamedTuple):
-    """A key: its column, or its value in the path; both are empty if there is none."""
+    """Place of a key: its column, or its value in the path; both are empty if the table lacks the key."""
 
     column: str = ""
     value: str = ""
@@ -84,7 +84,7 @@ class KeyColumns:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Names of the columns of keys."""
+        """Names of the key columns."""
         return tuple(key.column for key in (self.unit, self.recording, self.batch) if key.column)
 
     @property
@@ -105,7 +105,7 @@ def _is_text(kind: Any) -> bool:  # noqa: ANN401
 
 
 def _refuse_column(name: str, schema: Any, column: str) -> None:  # noqa: ANN401
-    """Refuse a column of keys that is nested or duplicate."""
+    """Refuse a key column that is nested or duplicate."""
     count = schema.names.count(column)
     if count > 1:
         raise UnreadableInput(f"{name} has {count} columns {column}: give all but one another name, or leave them out")
@@ -161,14 +161,14 @@ def _key(
 
 
 def texts_of(array: Any) -> Any:  # noqa: ANN401
-    """Column of keys as texts; bytes and dictionaries stay as they are; raises ArrowException."""
+    """Key column as texts; bytes and dictionaries stay as they are; raises ArrowException."""
     arrow = needs_arrow()
     is_text = "binary" in str(array.type) or arrow.types.is_dictionary(array.type)
     return array if is_text else array.cast(arrow.string())
 
 
 def text_of(value: object) -> str:
-    r"""Cell of a column of keys as text: bytes are UTF-8 if valid, blanks are empty.
+    r"""Cell of a key column as text: bytes are UTF-8 if valid, blanks are empty.
 
     >>> text_of(b"A17"), text_of(b"\xff\x00"), text_of(7), text_of("  "), text_of(None)
     ('A17', 'ff00', '7', '', '')

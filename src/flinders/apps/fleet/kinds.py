@@ -1,4 +1,4 @@
-"""Files of an input that are recordings: by their names or, for files that Flinders wrote, by their contents.
+"""Tells recordings from other files of an input: by name or, for files that Flinders wrote, by content.
 
 >>> is_readable("A17/monday.csv"), is_readable("A17/notes.md")
 (True, False)
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     from flinders.apps.fleet.storage import StoredFile
 
 TABLES_OF_FLEETS: Final = "tables of fleets"
-"""Kind of the tables that a run wrote, as an output may lie among the recordings."""
+"""Kind of the tables of earlier runs, which may lie among the recordings."""
 OWN_FILES: Final = {"truth": "truth files", "calibration": "calibration files"}
 """Other files that Flinders writes next to recordings, by the kind that the file states."""
 MAX_OWN_BYTES: Final = 1 << 20
-"""Largest size of a truth or calibration file in bytes; they have about 2,000 and some thousand."""
+"""Largest size of a truth or calibration file in bytes; usual files have a few thousand."""
 
 
 @cache

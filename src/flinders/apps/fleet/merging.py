@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     RowKey: TypeAlias = tuple[str, str, float]  # cells of `KEY`
 
 GROUP_ROWS: Final = 65_536
-"""Rows in a row group of the table."""
+"""Number of rows in a row group of the table."""
 COMPRESSION_LEVEL: Final = 3
 """Compression level of Zstandard; all settings of the writer are fixed, so that equal rows give equal bytes."""
 
@@ -59,8 +59,8 @@ def merge(
 ) -> None:
     """Merge parts, each with its rows sorted by `KEY`, into a Parquet file; equal rows stay in the order of parts.
 
-    A file is read when its first row comes next, and a row group comes from a few files, so that the memory needed is
-    that of one row group. Raises OutputError.
+    A file is read when its first row is due. A row group needs a few files only, so that the memory needed is that of
+    one row group. Raises OutputError.
 
     Parameters
     ----------
@@ -69,9 +69,9 @@ def merge(
     out : str or path
         The Parquet file to write.
     properties : Properties, optional
-        Columns that are added by the names of units; by default those that any part has.
+        Properties of units, added as columns; by default the added columns of the parts.
     files : ReadFiles, optional
-        Files that the rows were made from, for the footer.
+        Files that the rows were made from, stored in the footer.
 
     >>> import tempfile
     >>> from pathlib import Path
@@ -96,7 +96,7 @@ def merge(
 
 
 def _write(groups: Iterator[Any], file: Any, properties: Properties, files: ReadFiles | None) -> None:  # noqa: ANN401 - pyarrow ships no types
-    """Write row groups."""
+    """Write row groups to a Parquet file, with the list of files in its footer."""
     from pyarrow import parquet
 
     options: dict[str, Any] = {
@@ -130,7 +130,10 @@ def _groups(sources: Sequence[Rows], properties: Properties) -> Iterator[Any]:
 
 
 def _order(sources: Sequence[Rows]) -> Iterator[NDArray[np.int64]]:
-    """Yield (n, 2) numbers of sources and of rows in them, in order of the rows; rows of a table come in long runs."""
+    """Yield (n, 2) indices of source and row, in the order of the merged table.
+
+    Rows of the table to extend come in long runs.
+    """
     parts = [(place, source) for place, source in enumerate(sources) if isinstance(source, PartRows)]
     rows = heapq.merge(*(_numbered_keys(place, source) for place, source in parts))
     for place, source in enumerate(sources):
@@ -141,7 +144,7 @@ def _order(sources: Sequence[Rows]) -> Iterator[NDArray[np.int64]]:
 
 
 def _merge_into(place: int, table: TableRows, rows: Iterator[tuple[RowKey, int, int]]) -> Iterator[NDArray[np.int64]]:
-    """Merge new rows into the rows of a table, in their order."""
+    """Yield indices of source and row for the rows of a table with new rows merged into them, in order."""
     waiting = next(rows, None)
     for group in table.groups():
         begun = 0
@@ -155,7 +158,7 @@ def _merge_into(place: int, table: TableRows, rows: Iterator[tuple[RowKey, int, 
 
 
 def _run(place: int, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(n, 2) rows of one source."""
+    """(n, 2) indices of source and row, for rows of one source."""
     return np.stack([np.full_like(rows, place), rows], axis=1)
 
 
@@ -165,7 +168,7 @@ def _numbered_keys(place: int, source: PartRows) -> Iterator[tuple[RowKey, int, 
 
 
 def _gather(sources: Sequence[Rows], rows: NDArray[np.int64], added: Sequence[str]) -> Any:  # noqa: ANN401
-    """Table of (G, 2) rows, each the number of a source and of a row in it."""
+    """Collect rows into one table, from their (G, 2) indices of source and row."""
     arrow = needs_arrow()
     order = np.argsort(rows[:, 0], kind="stable")
     places, first = np.unique(rows[order, 0], return_index=True)
@@ -199,7 +202,7 @@ class PartRows:
         return arrow.ipc.open_file(content).read_all()
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Do nothing: no file stays open."""
 
 
 class TableRows:
@@ -240,7 +243,7 @@ class TableRows:
             yield _KeyGroup(rows, table if len(rows) == len(table) else table.filter(_invert(is_about)))
 
     def take(self, numbers: NDArray[np.int64]) -> Any:  # noqa: ANN401
-        """The rows of these numbers as a table; the numbers are in ascending order."""
+        """Table of the rows with these numbers, which are in ascending order."""
         arrow = needs_arrow()
         if not len(numbers):
             return self._file.schema_arrow.empty_table()
@@ -297,7 +300,7 @@ class _KeyGroup:
     """Keys of the rows of one row group of a table, in order."""
 
     def __init__(self, rows: NDArray[np.int64], table: Any) -> None:  # noqa: ANN401
-        self.rows = rows  # (R,) their numbers in the table
+        self.rows = rows  # (R,) numbers of the rows in the table
         self._table = table.select(KEY)
         self._units = np.array(texts(self._table.column("unit")))
 
@@ -318,7 +321,7 @@ def _keys(table: Any) -> list[RowKey]:  # noqa: ANN401
 COUNT_NAMES: Final = {
     "verdict": "verdicts", "code": "codes", "findings": "findings", "unit_of_field": "units_of_field"
 }  # fmt: skip
-"""Columns of a few frequent texts, and the names of their counts."""
+"""Columns with few different texts, and the names under which these are counted."""
 
 
 def table_counts(path: str | os.PathLike[str]) -> dict[str, Any]:

@@ -28,7 +28,7 @@ class NotGood:
     """A recording that is not good, and the reason."""
 
     unit: str  # name of the sensor or vehicle
-    recording: str  # its name
+    recording: str  # name of the recording
     verdict: str  # `limited`, `refused` or `failed`
     cause: str  # code of the first finding, or of the error
     number: float  # number of that finding; docs/findings.md has its meaning and unit

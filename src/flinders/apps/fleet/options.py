@@ -26,7 +26,7 @@ class Options:
     axes: str = "x,y,z"
     sensor: str | None = None
     as_logged: bool = False
-    # of a table: the column, or part ``name=value`` of its path, with the unit, the recording and the hardware batch
+    # names of the columns of a table, or parts ``name=value`` of its path, with unit, recording and hardware batch
     unit_column: str | None = None
     recording_column: str | None = None
     batch_column: str | None = None

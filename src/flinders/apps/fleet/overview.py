@@ -1,4 +1,4 @@
-"""Contents of a report of a fleet: its table in numbers that fit on a page, and the drift of its units.
+"""Contents of a fleet's report: counts and histograms of its table, and the drift of its units.
 
 Counts add, so that a table of any length is read in parts:
 
@@ -51,7 +51,7 @@ class Histogram:
 
     @classmethod
     def over(cls, low: float, high: float, classes: int) -> Self:
-        """Histogram without counts."""
+        """Make a histogram without counts."""
         return cls(low, high, (0,) * classes)
 
     @property
@@ -61,7 +61,7 @@ class Histogram:
 
     @property
     def total(self) -> int:
-        """Number of numbers that were counted."""
+        """Number of counted values."""
         return sum(self.counts)
 
     def with_numbers(self, numbers: ArrayLike) -> Self:
@@ -94,17 +94,17 @@ class Histogram:
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready count, median and upper quantiles."""
         quantiles = {
-            "median": 0.5,  # half of the numbers are below
-            "p95": 0.95,  # 95 % of the numbers are below
-            "p99": 0.99,  # 99 % of the numbers are below
+            "median": 0.5,  # half of the values are below
+            "p95": 0.95,  # 95 % of the values are below
+            "p99": 0.99,  # 99 % of the values are below
         }
-        count = {"count": self.total}  # number of numbers
+        count = {"count": self.total}  # number of values
         return count | {name: self.quantile(share) for name, share in quantiles.items()}
 
 
 @dataclass(frozen=True, slots=True)
 class FleetUnit:
-    """One row of a table of the report."""
+    """One unit in a list of worst units of the report."""
 
     unit: str
     recording: str
@@ -112,14 +112,14 @@ class FleetUnit:
     worst_deg: float
     offset: float  # length, as a share of the field
     noise: float  # as a share of the field
-    radius: float  # field strength
+    radius: float  # field strength, in `unit_of_field`
     unit_of_field: str
     findings: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Overview:
-    """A table of a fleet in numbers that fit on a page."""
+    """Counts and histograms of a fleet's table."""
 
     tables: tuple[str, ...]  # names of the files
     rows: int
@@ -213,7 +213,7 @@ class Undated:
 
 @dataclass(frozen=True, slots=True)
 class FleetDrift:
-    """Drift of a fleet."""
+    """Result of a comparison of a fleet's calibrations over time: changed units, steps, and drift."""
 
     units: int  #: number of units in the tables
     calibrations: int  #: number of calibrations of all units
@@ -239,7 +239,7 @@ class FleetDrift:
     batch_source: str  # source of the batch, in words
     target_deg: float  #: heading difference that is good enough
     dip_deg: float  #: dip of the field at which headings are compared
-    against: str  # "first" or "previous"
+    against: str  # recording of each unit that the newest is compared with: "first" or "previous"
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready fields, as ``--json`` prints them."""
@@ -269,7 +269,10 @@ def _is_odd(counts: Mapping[str, int], total: int, bad: int, batches: int) -> bo
 
 
 def _tail_probability(ours: int, here: int, bad: int, total: int) -> float:
-    """Hypergeometric tail: probability of at least `ours` of the `bad` rows among `here` of `total` rows by chance."""
+    """Probability by chance that at least `ours` of `here` rows are bad, if `bad` of all `total` rows are.
+
+    It is the tail of the hypergeometric distribution.
+    """
     fine = total - bad
     first = math.exp(_log_binomial(bad, ours) + _log_binomial(fine, here - ours) - _log_binomial(total, here))
     term = summed = 1.0
@@ -287,5 +290,5 @@ def _log_binomial(many: int, few: int) -> float:
 
 
 def count_bad(counts: Mapping[str, int], fine: Container[str] = ("good",)) -> int:
-    """Number of rows of other kinds than the `fine` ones."""
+    """Number of rows whose kind is not among the `fine` ones."""
     return sum(count for kind, count in counts.items() if kind not in fine)

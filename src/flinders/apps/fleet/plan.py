@@ -1,8 +1,8 @@
 r"""Plan of a run: recordings split into partitions, each calibrated by itself and written as one file.
 
-A partition is some log files, some files of rows, or a range of row groups of one. It depends on the input alone, so
-that a resumed run, or a run with more workers, has the same partitions. Units with rows in several slices get
-partitions of their own, which take only the rows of these units.
+A partition has some log files, some table files, or a range of row groups of one table file; each such part is a slice.
+Partitions depend on the input alone, so that a resumed run, or a run with more workers, has the same ones. Units with
+rows in several slices get partitions of their own, which take only the rows of these units.
 
 >>> import tempfile
 >>> from pathlib import Path
@@ -53,21 +53,21 @@ Answer = TypeVar("Answer")
 MAX_ROWS: Final = 1_000_000
 """Largest number of rows of a partition: 64 MB of memory with times and intermediate results."""
 MIN_ROWS: Final = 400_000
-"""Rows below which small files share a partition, as a partition costs a few milliseconds."""
+"""Number of rows up to which small files share a partition, as a partition costs a few milliseconds."""
 MAX_SLICES: Final = 64
 """Largest number of files in a partition."""
 MIN_PARTITIONS: Final = 64
 """Number of partitions to aim for in a small job, so that all workers have work."""
 SHORT_ROWS: Final = 100_000
-"""Rows that take a worker 0.1 s: partitions of tables are not smaller, if there are `FEW_PARTITIONS` of them."""
+"""Smallest number of rows of a partition of tables, which take a worker 0.1 s, if there are `FEW_PARTITIONS`."""
 SHORT_BYTES: Final = 1 << 18
-"""Bytes of log files that take a worker 0.1 s: partitions of logs are not smaller, with the same exception."""
+"""Smallest number of bytes of a partition of logs, which take a worker 0.1 s, if there are `FEW_PARTITIONS`."""
 FEW_PARTITIONS: Final = 16
-"""Number of partitions below which partitions may take less than 0.1 s."""
+"""Number of partitions that is made even if each then takes less than 0.1 s."""
 LOG_BYTES: Final = 1 << 24
 """Largest number of bytes of log files in a partition."""
 MAX_OPEN_FILES: Final = 32
-"""Files that are opened in parallel, since most of the time is spent waiting for a store."""
+"""Number of files that are opened in parallel, since most of the time is spent waiting for a store."""
 BATCHES: Final = tuple([column] for column in BATCH_COLUMNS)
 """Names of folders with the hardware batch."""
 MAX_SUBMITTED_FILES: Final = 8 * MAX_OPEN_FILES
@@ -76,7 +76,7 @@ MAX_SUBMITTED_FILES: Final = 8 * MAX_OPEN_FILES
 
 @dataclass(frozen=True, slots=True)
 class FileSlice:
-    """A log file, or some row groups of a file of rows."""
+    """A log file, or some row groups of a table file."""
 
     file: StoredFile
     groups: tuple[int, ...] = ()  # row groups; empty for a log
@@ -93,7 +93,7 @@ class FileSlice:
 
 @contextlib.contextmanager
 def open_as_planned(part: FileSlice, options: Options) -> Iterator[TableFile]:
-    """Open the file of a slice; one that could not be opened while planning raises that error."""
+    """Open the file of a slice; raises the error of a file that could not be opened while the run was planned."""
     if part.error is not None:
         raise part.error
     with open_table_file(part.file, options) as file:
@@ -114,7 +114,7 @@ class Partition:
 
     @property
     def rows(self) -> int:
-        """Rows of all slices."""
+        """Number of rows of all slices."""
         return sum(part.rows for part in self.slices)
 
     @property
@@ -123,7 +123,7 @@ class Partition:
         return sum(part.weight for part in self.slices) + 1
 
     def takes(self, unit: str) -> bool:
-        """Whether readings of a unit are taken."""
+        """Whether the partition has the readings of a unit, and not another partition."""
         return (unit in self._listed_units) != (self.only is None)
 
     def split(self) -> list[Partition]:
@@ -135,7 +135,7 @@ class Partition:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """All partitions of a run."""
+    """Plan of a run: its partitions, and the files that it reads."""
 
     partitions: tuple[Partition, ...]
     files: int  # files that are read
@@ -151,7 +151,7 @@ class Plan:
 
 @dataclass(frozen=True, slots=True)
 class _TableSlice:
-    """A slice of a file of rows with its first and last unit."""
+    """A slice of a table file, with its first and last unit."""
 
     part: FileSlice
     least: str
@@ -236,7 +236,7 @@ def _refuse_options(where: str, tables: Sequence[_TableSlice], logs: Sequence[Fi
 def _classify(
     files: Sequence[StoredFile], options: Options
 ) -> tuple[list[_TableSlice], list[FileSlice], dict[StoredFile, str]]:
-    """Slices of tables; slices of logs and of files that cannot be opened; kinds of files that Flinders wrote."""
+    """Sort files: slices of tables, slices of logs and of unreadable files, kinds of the files that Flinders wrote."""
     tables: list[_TableSlice] = []
     logs: list[FileSlice] = []
     own: dict[StoredFile, str] = {}
@@ -299,7 +299,10 @@ def key_of(name: str) -> tuple[str, str]:
 
 
 def _survey(file: StoredFile, options: Options) -> list[_TableSlice] | FileSlice | str:
-    """Slices of a file of rows, empty for a log; the kind of a file that Flinders wrote; a slice with an error."""
+    """Examine a file: slices of a table file, no slices for a log, or the kind of a file that Flinders wrote.
+
+    A table file that cannot be opened is a slice with the error.
+    """
     if not file.name.lower().endswith(TABLES) and not is_csv_of_units(file, options):
         return own_kind(file) or []
     is_table = False
@@ -322,7 +325,7 @@ def _survey(file: StoredFile, options: Options) -> list[_TableSlice] | FileSlice
 
 
 def _slices(file: StoredFile, table: TableFile, keys: KeyColumns) -> Iterator[_TableSlice]:
-    """Yield slices of a file of rows, each with its first and last unit."""
+    """Yield slices of a table file, each with its first and last unit."""
     extents = extents_of(table, keys)
     for groups in _ranges(table.groups):
         part = FileSlice(file, groups, sum(table.groups[group] for group in groups))
@@ -361,7 +364,7 @@ def _ranges(rows: Sequence[int]) -> Iterator[tuple[int, ...]]:
 
 
 def _tables(tables: Sequence[_TableSlice], options: Options) -> Iterator[Partition]:
-    """Yield partitions of files of rows: first for units in one slice, then for units in several."""
+    """Yield partitions of table files: first for units in one slice, then for units in several."""
     across = _shared_units(tables, options)
     shared = defaultdict(list)
     for unit, places in across.items():
@@ -380,7 +383,7 @@ def _tables(tables: Sequence[_TableSlice], options: Options) -> Iterator[Partiti
 
 
 def _full_size(total: int, short: int) -> int:
-    """Rows or bytes at which a partition is full."""
+    """Number of rows or bytes at which a partition is full."""
     return max(total // MIN_PARTITIONS, min(short, total // FEW_PARTITIONS))
 
 
@@ -396,7 +399,7 @@ def _pack(slices: Sequence[FileSlice]) -> Iterator[list[FileSlice]]:
 
 
 def _fill(slices: Sequence[FileSlice], sizes: Sequence[int], enough: int, largest: int) -> Iterator[list[FileSlice]]:
-    """Runs of up to `MAX_SLICES` slices that end when they are large enough, or would become too large."""
+    """Yield runs of up to `MAX_SLICES` slices; a run ends when it is large enough, or would become too large."""
     above = [0, *accumulate(sizes)]
 
     def fits(run: list[int], place: int) -> bool:
@@ -437,7 +440,7 @@ def _shared_units(tables: Sequence[_TableSlice], options: Options) -> dict[str, 
     for cluster in _overlapping_slices(tables):
         overlapping = [tables[place] for place in cluster]
         is_sorted = all(one.greatest <= two.least for one, two in pairwise(overlapping))
-        if is_sorted:  # only the last unit of one can be the first of the next
+        if is_sorted:  # two slices share a unit only if it is the last of one and the first of the next
             units = [{table.least, table.greatest} for table in overlapping]
         else:
             units = list(_in_threads(lambda table: _units(table, options), overlapping))
@@ -463,7 +466,7 @@ def _overlapping_slices(tables: Sequence[_TableSlice]) -> Iterator[list[int]]:
 
 
 def _units(table: _TableSlice, options: Options) -> set[str]:
-    """Units of a slice."""
+    """Names of the units with rows in a slice."""
     with open_table_file(table.part.file, options) as file:
         return units_of(file, table.keys, table.part.groups)
 

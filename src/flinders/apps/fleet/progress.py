@@ -205,7 +205,7 @@ class _JsonLines(logging.Handler):
             self._write("\n")
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Write an event."""
+        """Write an event as a line of JSON."""
         time = datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds")
         fields: dict[str, object] = getattr(record, "fields", {})
         self._write(json.dumps({"time": time, "event": record.getMessage(), **fields}, allow_nan=False) + "\n")

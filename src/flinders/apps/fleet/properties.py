@@ -34,7 +34,7 @@ class Properties:
     """Properties of units, such as firmware or place, that do not come from recordings."""
 
     names: tuple[str, ...]  # names of the properties
-    # values by unit; None if the rows keep their own
+    # values by unit; None if the rows of the table keep the properties that they have
     known: Mapping[str, tuple[str, ...]] | None = field(default=None, repr=False)
 
     @classmethod
@@ -72,7 +72,7 @@ class Properties:
         return known.get(name, ("",) * len(self.names))
 
     def join(self, table: Any) -> Any:  # noqa: ANN401 - pyarrow ships no types
-        """Arrow table with these properties instead of its own added columns."""
+        """Replace the added columns of an Arrow table by columns with these properties."""
         if self.known is None or not self.names:
             return table
         arrow = needs_arrow()

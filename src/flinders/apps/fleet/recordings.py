@@ -1,4 +1,4 @@
-"""Recordings in slices of tables: all in memory, or streamed if one is too long or unreadable.
+"""Recordings of units, read from slices of tables: in memory, or streamed if a recording is too long for memory.
 
 >>> from flinders.apps.fleet.plan import Partition
 >>> rows = RowFilter(Partition((), without=("B02",)))
@@ -46,13 +46,13 @@ class Job:
     unit: str
     recording: str
     source: Recording
-    readings: int  # number of its rows, with unusable ones
+    readings: int  # number of rows of the recording, including unusable ones
     start_s: float = 0.0  # s, origin of the times of `source`; NaN if it is not known
-    file: str = ""  # name of its file
+    file: str = ""  # name of the recording's file
 
     @property
     def pair(self) -> Pair:
-        """Unit and recording."""
+        """Names of unit and recording."""
         return self.unit, self.recording
 
 
@@ -62,7 +62,7 @@ class RecordingSet:
 
     pairs: Sequence[Pair]  # unit and recording
     lined: ConcatenatedRecordings  # usable readings
-    rows: NDArray[np.int64]  # (R,) number of rows of each recording, with unusable ones
+    rows: NDArray[np.int64]  # (R,) number of rows of each recording, including unusable ones
     start_s: Floats  # (R,) in s, origin of the times of each recording
     file: str = ""  # name of the file; empty for several files
 
@@ -118,7 +118,7 @@ class RowFilter:
         self._uses: list[int] = []  # use of each recording in `names`
 
     def takes(self, pair: Pair) -> bool:
-        """Whether a recording is taken."""
+        """Whether the rows of a recording are selected."""
         return self._partition.takes(pair[0]) and (self._selected is None or pair in self._selected)
 
     def is_nameless(self, numbers: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -127,7 +127,7 @@ class RowFilter:
         return nameless
 
     def mask(self, numbers: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """(B,) whether rows are taken."""
+        """(B,) whether rows are selected."""
         taken: NDArray[np.bool_] = self._uses_of(numbers) == TAKEN
         return taken
 
@@ -140,11 +140,11 @@ class RowFilter:
 
 
 PASSED_OVER, TAKEN, NAMELESS = range(3)
-"""Use of a row: it is skipped; it is fitted; it has no unit, and is counted."""
+"""Uses of a row: skipped, fitted, or counted as a row without a unit."""
 
 
 def read_recordings(table: KeyedTable | KeyedFrame, part: FileSlice, rows: RowFilter) -> RecordingSet:
-    """Recordings of a slice, each in the order of time, or of its rows if times are not known."""
+    """Read the recordings of a slice, each in the order of time, or of its rows if times are not known."""
     columns = table.recording.columns
     runs, values = _read(table, part, rows)
     if len(np.unique(runs.numbers)) < len(runs.numbers):
@@ -170,7 +170,7 @@ def read_recordings(table: KeyedTable | KeyedFrame, part: FileSlice, rows: RowFi
 
 
 def _read(table: KeyedTable | KeyedFrame, part: FileSlice, rows: RowFilter) -> tuple[Runs, list[NDArray[np.floating]]]:
-    """Run lengths of the selected rows of a slice, and K columns (N,) of these rows."""
+    """Read the selected rows of a slice: the recording of each row, as run lengths, and K columns (N,)."""
     nameless = 0
     runs: list[Runs] = []
     values: list[list[NDArray[np.floating]]] = []
@@ -191,7 +191,9 @@ def _read(table: KeyedTable | KeyedFrame, part: FileSlice, rows: RowFilter) -> t
 def _sort_by_time(
     values: list[NDArray[np.floating]], ends: NDArray[np.int64], time: NDArray[np.floating]
 ) -> list[NDArray[np.floating]]:
-    """Sort columns (N,) of recordings that end at (R,) `ends` by (N,) times; skip recordings with unknown times.
+    """Sort the rows of each recording by time; rows of a recording with unknown times stay as they are.
+
+    `values` are columns (N,), `ends` the (R,) index after the last row of each recording, `time` (N,) in s.
 
     >>> _sort_by_time([np.array([1.0, 2.0, 3.0, 4.0])], np.array([2, 4]), np.array([5.0, 3.0, 7.0, 7.0]))
     [array([2., 1., 3., 4.])]
@@ -255,14 +257,14 @@ class StreamedRecording:
 
     @classmethod
     def of(cls, partition: Partition, pair: Pair, options: Options) -> StreamedRecording:
-        """Take unit, axes and origin of time from the first file."""
+        """Make the recording of a unit in a partition; unit, axes and origin of time are those of its first file."""
         with open_as_planned(partition.slices[0], options) as file:
             table = KeyedTable.of(file, options)
             return cls(partition, pair, options, table.recording.unit, table.recording.axes, table.start_s)
 
     @property
     def source(self) -> str:
-        """Unit and recording."""
+        """Names of unit and recording, for messages."""
         return " ".join(filter(None, self.pair))
 
     def blocks(self) -> Iterator[Samples]:

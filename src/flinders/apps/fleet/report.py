@@ -1,4 +1,4 @@
-"""Report of a fleet as one HTML file: actions first, then the quality of its compasses, and refusals with reasons.
+"""Report of a fleet as one HTML file: actions first, then the quality of the compasses, and refusals with reasons.
 
 The file is complete: it needs no server and no network, and its only script is that of the button for light and dark.
 The user sorts tables by choosing one of several prepared orders, without a script. Texts from files are escaped, and a
@@ -46,7 +46,7 @@ VERDICTS: Final = {
     "failed": "failed: could not be read",
 }
 CHANGES: Final = ("steady", "single", "none", "unordered", "unsure", "changed", "recalibrate")
-"""States of units in the order of a bar; the last two are changes."""
+"""States of units in the order in which a bar shows them; the last two are changes."""
 MAX_FINDINGS: Final = 4
 """Largest number of findings that are named for a unit; further ones are counted."""
 FAIR_SHARE: Final = 0.02
@@ -132,7 +132,7 @@ def order_notes(drift: FleetDrift) -> list[str]:
 
 
 def _orders(drift: FleetDrift) -> list[tuple[str, list[UnitDrift]]]:
-    """The listed units in each order that the page offers."""
+    """Orders in which the page offers the listed units: the name of each order, and the units."""
     listed = list(drift.listed)
     return [
         ("urgency", listed),
@@ -164,7 +164,7 @@ def _figures(overview: Overview, drift: FleetDrift | None) -> dict[str, Any]:
 
 
 def _distributions(overview: Overview) -> list[tuple[str, str, str]]:
-    """Title, summary and figure of each distribution."""
+    """Title, summary and figure of each histogram of an overview."""
     fields = [
         (f"Field strength, {unit_label(unit)}", counts, unit_label(unit), "", None)
         for unit, counts in overview.field.items()
@@ -183,7 +183,7 @@ def _distributions(overview: Overview) -> list[tuple[str, str, str]]:
 
 
 def _factor(unit: str) -> float:
-    """Factor from a counted number to the shown one."""
+    """Factor from a value of a histogram to the shown number: 100 for per cent."""
     return 100.0 if unit == " %" else 1.0
 
 
@@ -196,7 +196,7 @@ def _share(value: float) -> str:
 
 WIDTH, HEIGHT = 400, 190
 MAX_BATCHES: Final = 240
-"""Largest number of batches on the map; of more, those with the largest share without a good verdict."""
+"""Largest number of batches on the map; those with the largest share without a good verdict are shown."""
 MIN_SHARE: Final = 0.004
 """Smallest share of a bar that is drawn, so that a single failure of a million is visible."""
 
@@ -225,7 +225,7 @@ def distribution(histogram: Histogram, words: str, *, target: float | None = Non
 
 
 def shares(counts: Mapping[str, int], kinds: Sequence[str] = tuple(VERDICTS)) -> list[tuple[str, float, float]]:
-    """Kind, place and width of each part of a bar that is 1000 wide, the kinds in their order.
+    """Divide a bar of width 1000 by counts: kind, place and width of each part, in the order of `kinds`.
 
     >>> shares({"refused": 1, "good": 3})
     [('good', 0.0, 750.0), ('refused', 750.0, 250.0)]

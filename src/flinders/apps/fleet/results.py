@@ -56,7 +56,7 @@ UNNAMED_UNIT: Final = re.compile(r"^(\(.*\))?$", re.DOTALL)
 
 
 def _unknown_numbers(length: int) -> tuple[float, ...]:
-    """So many NaN, for numbers that are not known."""
+    """`length` times NaN, for numbers that are not known."""
     return (math.nan,) * length
 
 
@@ -76,26 +76,26 @@ class UnitResult:
     #: reason why it is not good: code of the first finding, or of the error; empty for a good one
     cause: str = ""
     message: str = ""  #: first sentence of the verdict, with the remedy
-    number: float = math.nan  #: number of that finding: docs/findings.md has its meaning and unit
-    limit: float = math.nan  #: limit for that number, in the same unit
+    number: float = math.nan  #: number of the finding in `cause`: docs/findings.md has its meaning and unit
+    limit: float = math.nan  #: limit for `number`, in the same unit
     method: str = ""  #: method of the final fit
     worst_deg: float = math.nan  #: heading error of a level vehicle at the worst heading, 1 σ, at a dip of `dip_deg`
-    rms_deg: float = math.nan  #: the same over all headings
+    rms_deg: float = math.nan  #: heading error of a level vehicle, rms over all headings, 1 σ
     bound_95_deg: float = math.nan  #: bound of the heading error over all headings, with a probability of 95 %
     dip_deg: float = math.nan  #: dip of the field that heading errors are for
     offset: tuple[float, ...] = _unknown_numbers(3)  #: 3 float, in `unit_of_field`
-    matrix: tuple[float, ...] = _unknown_numbers(9)  #: 9 float, row by row
-    #: 45 float: of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), as `Claim.claimed_covariance`: its upper triangle, row by row
+    matrix: tuple[float, ...] = _unknown_numbers(9)  #: 9 float: correction matrix, row by row
+    #: 45 float: upper triangle, row by row, of the covariance `Claim.claimed_covariance` of (b, S₁₁, …, S₂₃)
     covariance: tuple[float, ...] = _unknown_numbers(45)
     noise: float = math.nan  #: noise of the readings about the ellipsoid, 1 σ, in `unit_of_field`
     field_strength: float = math.nan  # strength of the corrected field, in `unit_of_field`
     coverage: float = math.nan  #: fraction of the sphere that was covered
-    findings: tuple[str, ...] = ()  #: codes, by severity
+    findings: tuple[str, ...] = ()  #: codes of all findings, the gravest first
     unit_of_field: str = ""  #: ``uT`` or ``counts``
     batch: str = ""  #: hardware batch of the unit; empty if it is not known
 
     def with_fit(self, fit: Fit) -> Self:
-        """Row with a fit; a refused fit gives no calibration."""
+        """Row with the numbers of a fit; without a calibration if the fit is refused."""
         return replace(self._with_columns(fit), unit_of_field=fit.calibration.unit)
 
     def with_error(self, error: Exception) -> Self:
@@ -110,7 +110,7 @@ class UnitResult:
         return self._with_columns(error) if fit is None else self.with_fit(fit)
 
     def _with_columns(self, result: Fit | Exception) -> Self:
-        """Row with the columns of a fit or an error."""
+        """Row with the columns that a fit or an error determines."""
         columns = FitColumns.empty(1)
         fill_row(columns, 0, result)
         own = ("readings", "unit_of_field")
@@ -132,7 +132,7 @@ TEXTS, COUNTS, NUMBERS = (
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True, repr=False)
 class UnitResults(FitColumns):
-    """Many rows, column by column: (R,) arrays by the names of `UnitResult`, and (R, K) ones for its lists."""
+    """Rows of a fleet as columns: an (R,) array for each field of `UnitResult`, (R, K) for a field that is a list."""
 
     unit: NDArray[np.object_]
     recording: NDArray[np.object_]
@@ -162,7 +162,7 @@ class UnitResults(FitColumns):
         return type(self)(**{name: getattr(self, name)[rows] for name in NAMES})
 
     def row(self, place: int) -> UnitResult:
-        """One row."""
+        """Row number `place` as a `UnitResult`."""
         return UnitResult(**{name: _cell(getattr(self, name)[place]) for name in NAMES})
 
     def verdicts(self) -> dict[str, int]:
@@ -218,7 +218,7 @@ class UnitResults(FitColumns):
         return cls.from_arrow(table)
 
     def to_bytes(self) -> bytes:
-        """Bytes of an Arrow file, which a worker returns."""
+        """Write the rows as the bytes of an Arrow file, which a worker returns."""
         arrow = needs_arrow()
         table = self.to_arrow()
         sink = arrow.BufferOutputStream()
@@ -228,7 +228,7 @@ class UnitResults(FitColumns):
 
     @classmethod
     def from_bytes(cls, content: bytes) -> Self:
-        """Read bytes of `to_bytes`."""
+        """Read the bytes that `to_bytes` has made."""
         return cls.from_arrow(needs_arrow().ipc.open_file(content).read_all())
 
 
@@ -282,7 +282,7 @@ def schema(added: tuple[str, ...] = ()) -> Any:  # noqa: ANN401
 
 
 def _column(name: str, cells: Sequence[Any]) -> NDArray[Any]:
-    """Column from the cells of rows."""
+    """Make a NumPy column from the cells of rows."""
     if name in LISTS:
         return np.array(cells, dtype=float).reshape(len(cells), LISTS[name])
     if name in NUMBERS:
@@ -306,14 +306,14 @@ def one_line(message: str) -> str:
 
 
 def _cell(cell: Any) -> Any:  # noqa: ANN401
-    """Cell of a column as a Python value."""
+    """Convert a cell of a NumPy column to a Python value."""
     if isinstance(cell, np.ndarray):
         return tuple(cell.tolist())
     return cell.item() if isinstance(cell, np.generic) else cell
 
 
 def _array(arrow: Any, name: str, column: NDArray[Any]) -> Any:  # noqa: ANN401
-    """Arrow array of a column, null for NaN; not by `pyarrow.array`, which imports pandas: 0.25 s and 30 MB."""
+    """Arrow array of a column, null for NaN. `pyarrow.array` is not used: it imports pandas, 0.25 s and 30 MB."""
     if name in COUNTS:
         return integers(arrow, column)
     kind = schema().field(name).type
@@ -363,7 +363,7 @@ def _validity(known: NDArray[np.bool_]) -> Any:  # noqa: ANN401
 
 
 def _from_arrow(name: str, column: Any) -> NDArray[Any]:  # noqa: ANN401
-    """Column from Arrow, NaN for null."""
+    """Convert an Arrow column to NumPy, with NaN for null."""
     column = column.combine_chunks()
     if name in LISTS:
         return lists(column, LISTS[name])

@@ -86,7 +86,7 @@ def map_units(
 ) -> Iterator[tuple[int, Result | Abandoned]]:
     """Run a function over units; yield the index and the result of each, in the order of completion.
 
-    The function runs in this process for 0 `workers`, in so many processes (by default one for each core), or on the
+    The function runs in `workers` processes (by default one for each core), in this process for 0 workers, or on the
     Dask cluster of a `scheduler`; function, units and results have to be picklable. `notice` is called with the reason
     if the run waits, `died` with each worker that died. Raises LinkError if there is no scheduler, or it goes away, and
     all errors of `work`.
@@ -109,7 +109,7 @@ def reach(scheduler: str) -> None:
 
 
 class _Worker:
-    """Executor of one process, since a pool of several does not report the unit of which a process died."""
+    """Executor of one process: a pool of several would not report which unit a process that died was working on."""
 
     def __init__(self) -> None:
         """Start the process."""
@@ -295,7 +295,7 @@ def _submit(
 
 
 def _current_workers(client: Any, before: set[str], died: Callable[[WorkerDeath], None]) -> set[str]:  # noqa: ANN401
-    """Workers of a cluster; `died` is called with those of `before` that are gone."""
+    """Names of the present workers of a cluster; calls `died` for each worker in `before` that is gone."""
     now = set(client.nthreads())
     for worker in sorted(before - now):
         died(WorkerDeath(worker))

@@ -1,6 +1,6 @@
 """Simulated fleet: good units, and a few per cent of faulty ones, each labelled with its fault.
 
-A unit depends on the seed and its number alone, so that any of a million can be made again without the others.
+A unit depends on its number and the seed alone, so that any of a million units can be made again without the others.
 
 >>> found = unit(7, seed=1)
 >>> again = next(fleet(1, seed=1, first=7))
@@ -62,10 +62,10 @@ JIG_SHARE: Final = 0.5
 """Share of units that are turned by a jig; the others are turned by hand."""
 
 CLOSEST_M, PAST_M_S, ARM_M = 0.2, 0.1, 0.04
-"""A passing magnet: its closest distance in m, its speed in m/s, and the distance of the sensor from the pivot in m."""
+"""Closest distance of a passing magnet in m, its speed in m/s, and distance of the sensor from the pivot in m."""
 
 UNITS: Final = (0.01, 0.1, 10.0, 1000.0)
-"""Factors between units that are easily confused: µT, mG, G, nT."""
+"""Factors between units that are easily confused: µT, mG, G and nT."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +79,7 @@ class Specimen:
     fault: str = ""  #: one of `FAULTS`; empty for a good unit
     severity: int = 0  #: 1 for the smaller severity, 2 for the larger; 0 for a good unit
     amount: float = 0.0  #: amount of the fault, in the unit that `FAULTS` states
-    #: (3, 3): matrix of a lasting fault, which multiplies every reading, also in use; else the identity
+    #: (3, 3): matrix of a fault of the sensor itself, which multiplies every reading, also in use; else the identity
     lasting: Floats = field(default_factory=lambda: np.eye(3))
 
     @property
@@ -112,14 +112,14 @@ class TurnedSensor:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A kind of fault of a unit."""
+    """A kind of fault, with its two severities."""
 
     words: str  #: description of the fault and of its amount
     smaller: float  #: amount of severity 1
     larger: float  #: amount of severity 2
-    #: function of the turned sensor, an amount and a generator to (N, 3) faulty readings in µT of this recording only
+    #: for a fault of one recording: returns (N, 3) faulty readings in µT, from turned sensor, amount and generator
     strike: Callable[[TurnedSensor, float, Generator], Floats] | None = None
-    #: function of an amount and a generator to the (3, 3) matrix of a lasting fault, which multiplies every reading
+    #: for a fault of the sensor: returns the (3, 3) matrix that multiplies every reading, from amount and generator
     lasting: Callable[[float, Generator], Floats] | None = None
     is_detectable: bool = True  #: False if another good sensor would give the same readings
 
@@ -342,7 +342,7 @@ def _hand_angles(rng: Generator, time: Floats) -> Floats:
 
 
 def _last_part(n: int, amount: float) -> slice:
-    """Slice of the last readings, a share `amount` of all."""
+    """Slice of the last readings; `amount` is their share of all n."""
     return slice(n - round(amount * n), n)
 
 

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 WILDCARD: Final = re.compile(r"[*?\[]")
 STORE: Final = re.compile(r"(s3a?|gs|az|abfss?)://[^/]+")
-"""The store in a URL; the path of an object follows."""
+"""Pattern of the store in a URL; the path of an object follows it."""
 CHUNK_BYTES: Final = 1 << 22
 MAX_WHOLE_BYTES: Final = 1 << 18
 """Largest size of an object that is read whole, which takes no longer than another request."""
@@ -50,13 +50,13 @@ VARIABLE_PREFIXES: Final = ("AWS_", "AZURE_", "GOOGLE_")
 
 @dataclass(frozen=True, slots=True, order=True)
 class StoredFile:
-    """A file or object."""
+    """A file on the disk, or an object of a store."""
 
     name: str  # path below the folder that was given, with slashes
     where: str  # path or URL
     size: int  # bytes
     stamp: str = ""  # time of change or tag, which differs after the file has changed
-    kind: str = ""  # kind of an entry that is no file, such as ``pipe``, and never opened, since that may block
+    kind: str = ""  # kind of an entry that is no file, such as ``pipe``; it is never opened, since opening may block
 
 
 def is_remote(where: str) -> bool:
@@ -134,7 +134,7 @@ def _is_folder(entry: os.DirEntry[str]) -> bool:
 
 
 def _is_loop(folder: str, entry: os.DirEntry[str]) -> bool:
-    """Whether an entry of a folder is a link to that folder or one above it, which would never end."""
+    """Whether an entry of a folder is a link to that folder or to one above it, which could be followed without end."""
     return entry.is_symlink() and Path(os.path.realpath(folder)).is_relative_to(os.path.realpath(entry.path))
 
 
@@ -175,7 +175,7 @@ def _store(where: str) -> Any:  # noqa: ANN401 - a store of obstore
 
 @functools.lru_cache(maxsize=64)
 def _store_in_environment(where: str, _: tuple[tuple[str, str], ...]) -> Any:  # noqa: ANN401
-    """Open the store of a URL in an environment."""
+    """Open the store of a URL; the second argument, variables of the environment, is only a key of the cache."""
     return obstore().store.from_url(where)
 
 

@@ -64,11 +64,11 @@ class ValidCalibration:
 
     row: UnitResult  # row with the calibration
     date_s: float  # date of its recording, s since 1970; NaN if no date is known
-    next_s: float  # date of the next calibration, when this one ends, s since 1970; NaN without a next one
+    next_s: float  # date of the next calibration, at which this one ends, s since 1970; NaN without a next one
     later: tuple[UnitResult, ...]  # recordings without a calibration between this one and the date
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready fields, in addition to the calibration file."""
+        """JSON-ready facts on the calibration that its file does not have."""
         return {
             "unit": self.row.unit,  # name of the sensor or vehicle
             "recording": self.row.recording,  # recording of the calibration
@@ -102,7 +102,9 @@ def rows_of(table: str | os.PathLike[str], unit: str) -> list[UnitResult]:
 
 
 def date_of(text: str) -> datetime:
-    """Read a date or time in ISO 8601, in UTC unless it names a zone; a day gives its end. Raises `UsageError`.
+    """Read a date or time in ISO 8601, in UTC unless it names a zone; a date without time is the end of that day.
+
+    Raises `UsageError`.
 
     >>> date_of("2026-04-01").isoformat(), date_of("2026-04-01T12:30+02:00").isoformat()
     ('2026-04-01T23:59:59.999999+00:00', '2026-04-01T12:30:00+02:00')

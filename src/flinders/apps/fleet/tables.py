@@ -1,4 +1,4 @@
-"""Tables of records: Parquet, or CSV for a spreadsheet, by the name of the file.
+"""Writes tables of records as Parquet or, if the name of the file ends in .csv, as CSV for a spreadsheet.
 
 The table of a fleet is also CSV if its name ends in .csv: each number of a list is a column, such as ``offset_x``, and
 findings are separated by spaces. Reading such a file gives exactly the same numbers.
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
 SYMMETRIC: Final = [f"{a}_{b}" for a in range(1, 10) for b in range(a, 10)]
-"""Endings of the upper triangle of a 9 × 9 matrix."""
+"""Endings of the column names for the upper triangle of a 9 × 9 matrix."""
 ENDINGS: Final = {
     "offset": list("xyz"),
     "matrix": [f"{row}{column}" for row in "xyz" for column in "xyz"],
     "covariance": SYMMETRIC,
 }
-"""Endings of the columns of a list."""
+"""Endings of the column names for the numbers of each list."""
 
 
 def is_csv(path: str | os.PathLike[str]) -> bool:
@@ -161,7 +161,7 @@ def _complete_lines(lines: csv.DictReader[str]) -> Iterator[dict[str, str]]:
 
 
 def _row(cells: Mapping[str, str]) -> UnitResult:
-    """Row from the cells of a line."""
+    """Make a row from the cells of a line of CSV."""
     values: dict[str, Any] = {}
     for name in NAMES:
         if name in LISTS:

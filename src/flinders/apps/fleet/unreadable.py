@@ -1,7 +1,7 @@
 """Unreadable row groups of tables: the recordings with rows in them, and the rows of results about these recordings.
 
 Usually a single page of a table is broken, and with it a row group. The recordings in that group fail, and the others
-are calibrated. The names of its recordings come from the columns of keys alone; if those columns are broken, the footer
+are calibrated. The names of its recordings come from the key columns alone; if those columns are broken, the footer
 still has the number of rows, and perhaps the first and last unit.
 """
 
@@ -110,7 +110,7 @@ class Unreadable:
         self._readable[part] = ()
 
     def _record(self, part: FileSlice, errors_of: Callable[[TableFile], Mapping[int, Exception]]) -> None:
-        """Note the groups of a slice with errors."""
+        """Store the groups of a slice that have errors, with their recordings."""
         try:
             with open_as_planned(part, self._options) as file:
                 keys = KeyColumns.of_schema(file.name, file.schema, self._options) or KeyColumns()
@@ -140,7 +140,7 @@ class Unreadable:
         return replace(groups, ends=(keys.unit.value,), is_complete=True)
 
     def _errors(self, part: FileSlice, file: TableFile) -> dict[int, Exception]:
-        """Errors of the unreadable groups of a slice."""
+        """Read each group of a slice alone, and return the errors of those that cannot be read."""
         errors: dict[int, Exception] = {}
         try:
             table = KeyedTable.of(file, self._options)
@@ -183,14 +183,17 @@ class Unreadable:
                 yield UnreadableGroups(part, file.group, tuple(groups), every, rows, errors[groups[0]], own, named)
 
     def recordings(self, read: Iterable[Pair]) -> set[Pair]:
-        """Recordings with unreadable rows; of units that only the footer names, the recordings that were `read`."""
+        """Recordings with unreadable rows.
+
+        If only the footer names a unit, its recordings are not known: then those of them that were `read` count.
+        """
         recordings = {pair for each in self.all for pair in each.counts if pair[0]}
         ends = {unit for each in self.all for unit in each.ends}
         present = {pair for pair in read if pair[0] in ends}
         return recordings | present | {(unit, "") for unit in ends - {unit for unit, _ in present}}
 
     def rows(self, readable: Mapping[Pair, int]) -> list[UnitResult]:
-        """Rows about `recordings`, given the number of readable readings of each."""
+        """Rows of results about `recordings`, given the number of readable readings of each."""
         groups_of: dict[Pair, list[UnreadableGroups]] = defaultdict(list)
         for each in self.all:
             for pair in readable:
@@ -214,7 +217,7 @@ class Unreadable:
 
 
 def _of_recording(pair: Pair, groups: list[UnreadableGroups], readable: int) -> UnitResult:
-    """Row about a recording with unreadable rows."""
+    """Row of results for a recording with unreadable rows."""
     lost = sum(each.counts[pair] for each in groups)
     every, where = count_text(readable + lost, "reading"), " and ".join(each.where for each in groups[:MAX_LISTED])
     share = f"{lost:,} of its {every}" if lost < readable + lost else f"its {every}"
@@ -225,6 +228,6 @@ def _of_recording(pair: Pair, groups: list[UnreadableGroups], readable: int) -> 
 
 
 def _row(error: Exception, pair: Pair, readings: int, message: str) -> UnitResult:
-    """Row with the code of an error and a longer message."""
+    """Row of results with the code of an error and a longer message."""
     row = UnitResult(unit=pair[0], recording=pair[1], readings=readings).with_error(error)
     return replace(row, message=one_line(message))

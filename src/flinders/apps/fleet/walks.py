@@ -1,10 +1,11 @@
 """Random walks of the offsets of self-calibrating units: the rate of each, units that drift faster, and steps.
 
 Each unit has a history of its offset (`flinders.OffsetHistory`). A step is a change of the offset beyond the unit's own
-random walk, as in tables of a fleet. A unit is faster than the others if its rate is beyond their scatter. In a fleet
-in which nothing moved, the probability that any step, or any faster unit, is reported is `FALSE_ALARM_PROBABILITY`: an
-interval is tested at that over the intervals of its unit and over the units, a rate at that over the units
-(Bonferroni).
+random walk, as in tables of a fleet. A unit is faster than the others if its rate is beyond their scatter.
+
+In a fleet in which nothing moved, any step is reported with a probability of `FALSE_ALARM_PROBABILITY`, and so is any
+faster unit. The level of a test is therefore that probability over the number of units, and for an interval also over
+the number of intervals of its unit (Bonferroni).
 """
 
 from __future__ import annotations
@@ -117,7 +118,7 @@ def walks_of(
     dip_deg : float, optional
         Inclination of the field; by default that of each unit.
     most : int
-        Units and steps that are listed.
+        Largest number of listed units, and of listed steps.
     each : callable, optional
         Called with all units, in the order of their names.
     """
@@ -169,7 +170,7 @@ def _urgency(one: UnitWalk) -> tuple[int, float, str]:
 def _unit_of(
     history: OffsetHistory, estimates: OffsetHistory, walk: Walk | None, steps: Sequence[UnitStep], target_deg: float
 ) -> UnitWalk:
-    """Result of a unit, before it is compared with the others."""
+    """Random walk and steps of one unit, before it is compared with the other units."""
     is_moved = any(step.worst_deg > target_deg for step in steps)
     rate, low, high = (math.nan,) * 3 if walk is None else (walk.rate, walk.low, walk.high)
     newest = -1 if len(history.time_s) else None
@@ -207,7 +208,7 @@ def _changes_of(estimates: OffsetHistory, chance: float) -> list[ChangePoint]:
 
 
 def _step(estimates: OffsetHistory, found: ChangePoint) -> UnitStep:
-    """Row of the list of steps."""
+    """Make the row of a change point for the list of steps."""
     moved, sphere = found.moved * estimates.radius, estimates.radius * np.eye(3)
     worst = offset_heading_deg(moved[np.newaxis], sphere[np.newaxis], dip_deg=np.array([estimates.dip_deg]))
     return UnitStep(

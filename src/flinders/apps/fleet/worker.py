@@ -1,4 +1,4 @@
-r"""Worker: calibrates the recordings of one partition. An error costs its recording or file, never the run.
+r"""Worker of a run: calibrates the recordings of one partition; an error costs a recording or a file, never the run.
 
 >>> import tempfile
 >>> from pathlib import Path
@@ -77,7 +77,7 @@ class LostWorker(InputError):
 
 
 class NoUnit(InputError):
-    """Readings without a unit (`rows` of a table, or a log in a folder for null)."""
+    """Readings that name no unit: `rows` rows of a table, or a log in a Hive folder that stands for null."""
 
     code = "no-unit"
 
@@ -133,8 +133,8 @@ def fit_many(
     Parameters
     ----------
     table : mapping, or table
-        Readings by name of the unit, each a source of `flinders.fit` (but not sums) in `unit`; or a table of all
-        readings with a column of units: of pyarrow, or anything with ``__arrow_c_stream__`` (pandas, polars).
+        A mapping from the name of each unit to its readings, in `unit`: any source of `flinders.fit` but sums. Or a
+        table of all readings with a column of units: of pyarrow, or with ``__arrow_c_stream__`` (pandas, polars).
     columns, unit, scale, axes
         As `flinders.read`.
     unit_column, recording_column, batch_column : str, optional
@@ -177,7 +177,7 @@ def fit_many(
 
 
 def _unit_job(name: str, source: Any, options: Options) -> Job | UnitResult:  # noqa: ANN401
-    """Job of one unit of a mapping, or the row about its error."""
+    """Recording of one unit of a mapping, ready to be fitted, or the row with its error."""
     try:
         unit = None if options.unit is None else Unit.of(options.unit, options.scale)
         source, _ = recording_of(source, unit, Axes.of(options.axes))
@@ -282,7 +282,7 @@ def _add_batches(rows: UnitResults, batches: Mapping[Pair, str]) -> UnitResults:
 
 
 def _fit_logs(partition: Partition, options: Options) -> UnitResults:
-    """Rows of the log files of a partition."""
+    """Calibrate the log files of a partition."""
     with contextlib.ExitStack() as copies:
         jobs = [(part, each) for part in partition.slices for each in _log(part, options, copies)]
         failed = UnitResults.of([each for _, each in jobs if isinstance(each, UnitResult)])
@@ -334,7 +334,7 @@ def _first_block(source: Recording) -> Recording:
 
 
 def _fit_tables(partition: Partition, options: Options) -> UnitResults:
-    """Rows of the tables of a partition; a partition of more than `MAX_ROWS` rows is read several times."""
+    """Calibrate the tables of a partition; a partition of more than `MAX_ROWS` rows is read several times."""
     unreadable = Unreadable(partition, options)
     if partition.rows <= MAX_ROWS:
         return _fit_in_memory(partition, options, unreadable)
@@ -357,7 +357,7 @@ def _fit_tables(partition: Partition, options: Options) -> UnitResults:
 
 
 def _counts(part: FileSlice, options: Options, unreadable: Unreadable, names: Interner) -> Counter[Pair]:
-    """Number of rows of each recording in a slice, as far as its columns of keys can be read."""
+    """Number of rows of each recording in a slice, as far as its key columns can be read."""
 
     def count(file: TableFile, groups: Sequence[int]) -> Counter[Pair]:
         keys = KeyColumns.of_schema(file.name, file.schema, options) or KeyColumns()
@@ -424,7 +424,7 @@ def _fit_in_memory(
 
 
 def _read(part: FileSlice, options: Options, filtered: RowFilter, unreadable: Unreadable) -> list[RecordingSet]:
-    """Recordings of a slice, as far as the slice can be read."""
+    """Read the recordings of a slice, without the row groups that cannot be read."""
 
     def read(file: TableFile, groups: Sequence[int]) -> RecordingSet:
         return read_recordings(KeyedTable.of(file, options), replace(part, groups=tuple(groups)), filtered)

@@ -1,4 +1,4 @@
-"""Recording a sensor on a wire, and calibrating it on a page in the browser, with or without this program.
+"""Live calibration of a sensor: records its readings, and shows the calibration on a page in the browser.
 
 For users with a board or a phone, and for programs with their own display.
 

@@ -60,7 +60,7 @@ HEADERS: Final = {
     "Cache-Control": "no-store",
 }
 """Headers of every answer."""
-MAX_NAME_LENGTH: Final = 100  # Most characters of a file's name in messages
+MAX_NAME_LENGTH: Final = 100  # Largest number of characters of a file's name in messages
 TOKEN_BYTES: Final = 16
 
 
@@ -126,13 +126,13 @@ def page_addresses(host: str, port: int, token: str | None = None) -> list[str]:
 
 
 def _own_addresses() -> list[str]:
-    """Addresses of this machine on its networks, the outgoing one first; sends nothing."""
+    """Addresses of this machine on its networks, that for outgoing connections first; nothing is sent to find them."""
     addresses = dict.fromkeys([_outgoing_address(), *_named_addresses()])
     return [address for address in addresses if not is_loopback(address)] or ["127.0.0.1"]
 
 
 def _outgoing_address() -> str:
-    """Address that this machine would send from."""
+    """Address of this machine for outgoing connections."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect(("192.0.2.1", 9))
@@ -142,7 +142,7 @@ def _outgoing_address() -> str:
 
 
 def _named_addresses() -> list[str]:
-    """Addresses of the name of this machine."""
+    """Addresses to which the name of this machine resolves."""
     with contextlib.suppress(OSError):
         return [str(entry[4][0]) for entry in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)]
     return []
@@ -183,7 +183,7 @@ class Tokens:
         return cookie
 
     def is_issued(self, cookie: str | None) -> bool:
-        """Whether a cookie was issued."""
+        """Whether this server has issued a cookie."""
         matches = [hmac.compare_digest((cookie or "").encode(), known.encode()) for known in self._cookies]
         return any(matches)
 
@@ -207,7 +207,7 @@ def shown_name(name: str) -> str:
 
 
 def answer(words: str, status: int, headers: Mapping[str, str] | None = None) -> Response:
-    """Return a message for the user as JSON."""
+    """Return an answer with a message for the user, as JSON."""
     return JSONResponse({"words": words}, status_code=status, headers=headers)
 
 
@@ -224,7 +224,8 @@ NO_TOKEN: Final = """<!doctype html>
 class Guard:
     """ASGI application with access control, and with `HEADERS` on every answer.
 
-    If `tokens` is given, each browser needs one; `say` receives the next one.
+    If `tokens` is given, each browser needs a token. After a token was used, `say` is called with the address for
+    another browser.
     """
 
     def __init__(self, app: ASGIApp, gate: Gate, tokens: Tokens | None, say: Callable[[str], None]) -> None:
@@ -295,7 +296,7 @@ def _with_headers(send: Send) -> Send:
 SIGNALS: Final = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 STOPPING_S: Final = 1  # Longest wait for pages to disconnect when the server stops
 HEAD_S: Final = 10.0  # Longest time to receive the head of a request
-MAX_CONNECTIONS: Final = 200  # Most connections at one time; further ones are closed
+MAX_CONNECTIONS: Final = 200  # Largest number of connections at one time; further ones are closed
 
 
 def open_listener(host: str, port: int) -> socket.socket:
@@ -363,7 +364,7 @@ class _DeadlineProtocol(H11Protocol):
         self._watch()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Cancel the deadline."""
+        """Cancel the deadline of a lost connection."""
         self._forget()
         super().connection_lost(exc)
 
@@ -385,7 +386,7 @@ def serve(app: ASGIApp, listener: socket.socket) -> None:
 
 
 def server_of(app: ASGIApp) -> uvicorn.Server:
-    """Return a server with short waits for clients."""
+    """Return the HTTP server of an application, which waits only briefly for clients when it stops."""
     config = uvicorn.Config(
         app,
         http=_DeadlineProtocol,

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from flinders.core.axes import Axes
     from flinders.core.samples import Samples
 
-CAPACITY: Final = 1 << 20  # Most readings in memory: 59 MB, and briefly twice that during a copy
+CAPACITY: Final = 1 << 20  # Largest number of readings in memory: 59 MB, and briefly twice that during a copy
 COLUMNS: Final = 7  # Time in s, field and acceleration
 GAP: Final = (np.nan, np.nan, np.nan)  # Marks a missing acceleration
 INITIAL_CAPACITY: Final = 4096
@@ -42,7 +42,7 @@ def stride_for(total: int, most: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Timeline:
-    """State of a timeline, s: the source's clock `last` read, the session's time `at`, and the shift between both."""
+    """State of a timeline, in s: last time of the source's clock, last time of the session, and their difference."""
 
     last: float = np.nan
     shift: float = 0.0
@@ -51,8 +51,8 @@ class Timeline:
     def __call__(self, times: Floats) -> tuple[Floats, Timeline]:
         """Convert (N,) times of a source, s, to the session's timeline, which never decreases.
 
-        After a clock was set back, the timeline continues from its last time; a missing time is that of the reading
-        before.
+        After a clock was set back, the timeline continues from its last time. A reading without a time gets that of the
+        reading before.
 
         >>> times, clock = Timeline()(np.array([1.0, 1.5, 0.0, 0.5]))
         >>> times.tolist(), clock
@@ -66,7 +66,8 @@ class Timeline:
         known = known[whole]
         steps = np.diff(known)
         shifts = np.cumsum([self.shift, *np.where(steps < 0.0, -steps, 0.0)])[1:]
-        moved = np.maximum.accumulate(np.concatenate([[self.at], known[1:] + shifts]))[1:]  # despite rounding
+        # the maximum corrects for rounding
+        moved = np.maximum.accumulate(np.concatenate([[self.at], known[1:] + shifts]))[1:]
         return moved, Timeline(float(known[-1]), float(shifts[-1]), float(moved[-1]))
 
 
@@ -80,9 +81,9 @@ class _Storage:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReadingBuffer:
-    """Readings in order of arrival: of `total`, every `stride`-th is in memory, at most `most`.
+    """Readings in order of arrival: of `total` readings, every `stride`-th is in memory, and at most `most`.
 
-    Reading j in memory is reading number j · `stride`.
+    Reading j in memory is reading number j · `stride` of the session.
     """
 
     total: int = 0
@@ -95,7 +96,7 @@ class ReadingBuffer:
 
     @classmethod
     def empty(cls, most: int = CAPACITY) -> Self:
-        """No readings."""
+        """Return a buffer without readings, for at most `most` of them."""
         return cls(most=most)
 
     def with_rows(self, rows: Floats) -> ReadingBuffer:
@@ -114,7 +115,7 @@ class ReadingBuffer:
         return ReadingBuffer(total, stride, has_acceleration, self.most, count, room, rows[-1].copy())
 
     def _storage_for(self, thinned: Floats | None, more: int) -> _Storage:
-        """Array to write into: the same if it has capacity and no other snapshot has used it, else a copy."""
+        """Array for further rows: the present one if no other snapshot has used its spare capacity, else a copy."""
         rows = self._rows if thinned is None else thinned
         needed = len(rows) + more
         if thinned is None and self._room.taken == self._count and needed <= len(self._room.rows):
@@ -165,7 +166,7 @@ class ReadingBuffer:
 
 
 def rows_of(samples: Samples, axes: Axes | None = None) -> Floats:
-    """(N, 7) samples as rows of a buffer, turned as by `Samples.turned`; without times, one reading a second.
+    """Convert samples to (N, 7) rows of a buffer, turned as by `Samples.turned`; without times, one reading a second.
 
     >>> from flinders.core.axes import Axes
     >>> from flinders.core.samples import Samples

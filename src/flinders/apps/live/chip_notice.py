@@ -16,19 +16,19 @@ if TYPE_CHECKING:
     from flinders.errors import Hint
 
 MIN_READINGS: Final = 300
-"""Count of readings before the first attempt; it doubles before each further attempt."""
+"""Number of readings before the first attempt to find chips; it doubles before each further attempt."""
 
 
 class ChipNotice:
-    """Words on the chip of a session, given once."""
+    """Proposal of the chips that fit a session's counts, given once."""
 
     def __init__(self) -> None:
-        """Wait for the first readings."""
+        """Begin without a proposal."""
         self._next_attempt = MIN_READINGS
         self._is_given = False
 
     def words(self, log: Log) -> str:
-        """Return the proposal for readings in counts, in words, once; empty before there is one, and afterwards."""
+        """Return the proposal in words, the first time that there is one; empty before that and afterwards."""
         if self._is_given or log.unit.inside != COUNTS or log.buffer.total < self._next_attempt:
             return ""
         self._next_attempt = 2 * log.buffer.total
@@ -43,9 +43,6 @@ def spell_for_restart(hint: Hint) -> str:
     """Spell a hint as options of the command that is started anew.
 
     >>> spell_for_restart({"unit": "counts", "scale": 0.15}), spell_for_restart({"chip": None})
-    ('--unit=counts --scale=0.15', 'flinders info --chip')
+    ('--unit=counts --scale=0.15', '--chip')
     """
-    return " ".join(
-        f"flinders info --{keyword}" if keyword == "chip" else f"--{keyword}{'' if value is None else f'={value}'}"
-        for keyword, value in hint.items()
-    )
+    return " ".join(f"--{keyword}{'' if value is None else f'={value}'}" for keyword, value in hint.items())

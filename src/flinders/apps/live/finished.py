@@ -35,11 +35,11 @@ if TYPE_CHECKING:
 
 
 class CalibrationRequest(NamedTuple):
-    """Request of a page: its edits, the number of a log if not the sensor's, and that of a calibration to renew."""
+    """Request of a page for a final calibration."""
 
     edits: Edits
-    log: str | None = None
-    previous: str = ""
+    log: str | None = None  # number of a log that was dropped on a page; None for the sensor
+    previous: str = ""  # number of the calibration to renew; empty for none
 
     @property
     def is_fixed(self) -> bool:
@@ -132,7 +132,7 @@ class FinishedCalibration:
 
 
 def finish_calibration(number: str, wanted: FinishInputs) -> FinishedCalibration:
-    """Fit all readings of the inputs."""
+    """Make the final calibration from all readings of the inputs."""
     renewed = wanted.previous if wanted.edits.refreshing else None
     earlier = () if renewed is None else renewed.provenance.files
     if wanted.path is None:
@@ -165,14 +165,14 @@ def _in_memory(wanted: FinishInputs) -> Samples:
 
 
 def _nothing_yet(error: FlindersError) -> FlindersError:
-    """Replace the error of an unreadable file by one for a session without readings."""
+    """Replace the error of an unreadable file by an error that says that the session has no readings yet."""
     if isinstance(error, UnreadableInput):
         return UnreadableInput("no readings to calibrate from yet: turn the sensor first")
     return error
 
 
 def _source_file(path: Path, rows: int) -> SourceFile:
-    """Return the source file with checksum, of its first `rows` rows if it still grows."""
+    """Name, checksum and size of a recording as it is now, for the provenance of a fit of its first `rows` rows."""
     with path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
         return SourceFile(name=path.name, sha256=digest, bytes=file.tell(), rows=rows)

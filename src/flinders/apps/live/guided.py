@@ -81,7 +81,7 @@ class State:
 
     @property
     def coverage(self) -> float:
-        """Share of covered directions, 0 to 1."""
+        """Share of directions that readings cover, 0 to 1."""
         return 0.0 if self.fit is None else self.fit.evidence.coverage.fraction
 
 
@@ -191,7 +191,7 @@ class Session:
         )  # fmt: skip
 
     def _state_of_fit(self) -> State:
-        """State after a fit of all readings."""
+        """Fit all readings, and return the new state."""
         found: Fit | None
         try:
             found, refusal = self.finish(), ""
@@ -213,7 +213,7 @@ class Session:
         return worst <= self._target_deg
 
     def _turn(self, found: Fit | None) -> tuple[str, tuple[float, float, float] | None]:
-        """Next turn, in words and as a direction: along the path from the current attitude, else to one direction."""
+        """Next turn, in words and as a direction of the field: the first of the path, else to the best direction."""
         route = self._route(found)
         if route is not None:
             x, y, z = route.waypoints[0].tolist()
@@ -247,13 +247,16 @@ class Session:
         return route if is_gain else None
 
     def _readings_per_deg(self) -> float:
-        """Readings per degree of turn."""
+        """Number of readings per degree of turn, at the assumed turn rate."""
         seconds = self._buffer.seconds - float(self._buffer.time[0])
         return (self._buffer.total - 1) / seconds / TURN_RATE_DEGPS if seconds > 0.0 else path_planning.READINGS_PER_DEG
 
 
 def believe(found: Fit | None, readings: Floats) -> path_planning.Belief | None:
-    """Estimate after a fit of (N, 3) readings, also a refused one: from its claim, else a sphere."""
+    """Belief from which a path is planned, after (N, 3) readings: from the claim of a fit, else a rough sphere.
+
+    A refused fit is used too, unless its readings are flat or its error is larger than `MAX_PATH_ERROR_DEG`.
+    """
     if found is None or found.judgement.is_flat or found.claim.direction_error_deg.worst > MAX_PATH_ERROR_DEG:
         return path_planning.rough_belief(readings)
     return path_planning.Belief.of(found.claim, found.evidence.noise, found.evidence.coverage)

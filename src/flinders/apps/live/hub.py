@@ -1,10 +1,10 @@
 """Hub of the live page: readings of a source, the user's edits, and the connected pages.
 
 A thread reads the sensor (`FeedThread`), and about twenty times a second the hub collects its readings and wakes the
-pages. Each page receives them when its connection is free, so a slow page gets fewer and larger frames, and delays no
-other page. Each page fits the readings by itself; the final calibration is made here.
+pages. A page receives new readings when its connection is free, so a slow page gets fewer and larger frames, and delays
+no other page. Each page fits the readings by itself; the final calibration is made here.
 
-Modules that only an answer needs are imported when it is made, to send the page to the browser sooner.
+Modules that only some answers need are imported when they are needed, so that the page loads sooner.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 
 MIN_PERIOD_S: Final = 0.04
 MAX_PERIOD_S: Final = 0.1
-"""Range of the time between two collections of readings, s; the shorter one while readings arrive."""
+"""Longest time between two collections of readings, s, while no readings arrive; `MIN_PERIOD_S` while they do."""
 MAX_NOTICES: Final = 50  # Most queued notices per page; then the oldest is dropped
 UPLOAD_BYTES: Final = 64 << 20
 MAX_LOGS: Final = 4  # Most logs in memory that were dropped on pages
@@ -74,9 +74,9 @@ class Page:
     wake: asyncio.Event = field(default_factory=asyncio.Event)
     news: dict[type, FromServer] = field(default_factory=dict)
     notices: deque[Notice] = field(default_factory=lambda: deque(maxlen=MAX_NOTICES))
-    heard: int = 0  # messages received from it
-    generation: int = 0
-    stride: int = 1
+    heard: int = 0  # messages received from the page
+    generation: int = 0  # generation of the readings sent to it, see `readings_frame`
+    stride: int = 1  # stride of the readings sent to it
     count: int = 0  # rows of the buffer sent to it
     total: int = 0  # readings received when the newest row was sent
 
@@ -104,7 +104,7 @@ MISSING_PREVIOUS: Final = (
 
 
 def _with_number(previous: Previous) -> Previous:
-    """The earlier calibration with an identifying number; unchanged without an earlier calibration."""
+    """Give an earlier calibration an identifying number; without an earlier calibration nothing changes."""
     number = secrets.token_hex(8) if previous.text else ""
     return msgspec.structs.replace(previous, number=number)
 
@@ -169,7 +169,7 @@ class Hub:
         return Welcome(
             version=version("flinders"),
             session=self.name,
-            targets=tuple(TargetInfo(row.name, row.use, row.suffix) for row in rows),
+            targets=tuple(TargetInfo(row.name, row.use, row.suffix, row.group) for row in rows),
             limits=Limits(UPLOAD_BYTES),
             source=self.source,
             axes=str(self.supply.axes),
@@ -208,7 +208,9 @@ class Hub:
         )
 
     def edit(self, edits: Edits) -> None:
-        """Store the edits of a page, write them to the file, and pass them on; discarded readings stay discarded.
+        """Store the edits of a page, write them to the file, and pass them on to the pages.
+
+        Discarded readings stay discarded.
 
         Raises `UsageError` if the edits discard future readings.
         """
@@ -220,11 +222,11 @@ class Hub:
             page.queue_message(Kept(self.edits, page.heard))
 
     def _without_missing_previous(self, edits: Edits) -> Edits:
-        """Edits without the request to renew if there is no earlier calibration."""
+        """Edits; without an earlier calibration, their request to renew one is removed."""
         return edits if self.renewed else msgspec.structs.replace(edits, refreshing=False)
 
     def _restart_after(self, begun_s: float | None) -> float:
-        """Discard the readings up to a time, return the time of the last one, and send the others again.
+        """Discard the readings up to a time, send the others to the pages again, and return the time that was used.
 
         In a session with thinned readings, all readings so far are discarded, since too few would remain.
         """
@@ -256,7 +258,7 @@ class Hub:
         self.edit(msgspec.structs.replace(self.edits, refreshing=False))
 
     def keep(self, name: str, log: Log) -> str:
-        """Store a log that was dropped on a page, drop the oldest of too many, and return the log's number."""
+        """Store a log that was dropped on a page, and return its number; of too many logs, the oldest is removed."""
         number = secrets.token_hex(8)
         self.logs[number] = name, log
         while len(self.logs) > MAX_LOGS:

@@ -1,7 +1,7 @@
 """Messages of the live page as dataclasses, and the binary frame of readings.
 
-The page runs the session. The server sends it the source of the readings and the user's edits so far, then each
-reading; it stores the user's edits and passes them on (`Edits`, `Kept`).
+The page runs the session. The server sends the page the source of the readings and the user's edits so far, then each
+reading. The server stores the user's edits, and passes them on to other pages (`Edits`, `Kept`).
 
 >>> parse('{"type": "edits", "target_deg": 0.5}').target_deg
 0.5
@@ -43,7 +43,7 @@ MAX_DIP_DEG: Final = 89.0
 MIN_STRENGTH: Final = 1e-3  # Range of the field strength at a site, in the unit of the readings
 MAX_STRENGTH: Final = 1e9
 MAX_MESSAGE_BYTES: Final = 65_536  # Largest message from a page
-MAX_SPANS: Final = 1000  # Most excluded spans
+MAX_SPANS: Final = 1000  # Largest number of excluded spans
 MAGIC: Final = 0x464C4E44
 HEADER: Final = struct.Struct("<8I")
 HAS_ACCELERATION: Final = 1
@@ -61,15 +61,12 @@ class SourceState(Struct, frozen=True):
 
 
 class Edits(Struct, frozen=True, kw_only=True, tag_field="type", tag="edits", forbid_unknown_fields=True):
-    """The user's edits of a session, and the site of its log; readings up to `begun_s` are discarded.
+    """The user's edits of a session, and the site of its log."""
 
-    A finished calibration uses readings up to `finished_s`; later ones are recorded but not used.
-    """
-
-    excluded: tuple[Span, ...] = ()  # s; apart from each other, ascending
+    excluded: tuple[Span, ...] = ()  # excluded spans of time in s, ascending, without overlap
     paused_s: float | None = None  # start of a pause, during which readings are left out
-    finished_s: float | None = None
-    begun_s: float | None = None
+    finished_s: float | None = None  # later readings are recorded, but not used by the finished calibration
+    begun_s: float | None = None  # readings up to this time are discarded
     target_deg: float = 1.0
     dip_deg: float | None = None
     goal: Goal = "heading"
@@ -78,9 +75,9 @@ class Edits(Struct, frozen=True, kw_only=True, tag_field="type", tag="edits", fo
 
 
 class Kept(Struct, frozen=True, tag_field="type", tag="kept"):
-    """The edits stored by the server after `heard` messages from the receiving page.
+    """Edits that the server has stored, after it received `heard` messages from the page that gets this message.
 
-    A page that has sent more messages ignores them, since newer edits will follow.
+    A page that has sent more than `heard` messages ignores these edits, since newer ones will follow.
     """
 
     edits: Edits
@@ -96,13 +93,13 @@ class Previous(Struct, frozen=True, tag_field="type", tag="previous", forbid_unk
 
 
 class Linked(Struct, frozen=True, tag_field="type", tag="source"):
-    """The link to the source has changed."""
+    """Message that the state of the link to the source has changed."""
 
     source: SourceState
 
 
 class Unrecorded(Struct, frozen=True, tag_field="type", tag="unrecorded"):
-    """Reason why readings cannot be recorded at present; empty if they are."""
+    """Reason why readings are not recorded at present; empty if they are recorded."""
 
     words: str
 
@@ -115,11 +112,12 @@ class Notice(Struct, frozen=True, tag_field="type", tag="notice"):
 
 
 class TargetInfo(Struct, frozen=True):
-    """Export target."""
+    """Name and description of an export target."""
 
     name: str
     title: str
     suffix: str
+    group: str  # heading of the target in the list
 
 
 class Limits(Struct, frozen=True):
@@ -220,6 +218,7 @@ def readings_frame(
     rows : (N, 7) float
         Time in s, field, acceleration; NaN if missing.
     latest : (7,) float
+        The newest reading, with the columns of `rows`; it may be missing in `rows`.
     is_microtesla : bool
         The unit of the field is µT, else counts.
     is_vehicle : bool

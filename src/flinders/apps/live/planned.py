@@ -31,7 +31,7 @@ DIGITS: Final = 4
 """Significant digits of numbers for sentences."""
 
 TABLE: Final = "plans.json"
-"""The table, beside this module."""
+"""Name of the table's file, in the folder of this module."""
 
 
 class ClaimView(Struct, frozen=True):
@@ -57,8 +57,8 @@ class PlannedRecording(Struct, frozen=True):
 
     body: str
     noise: float  # µT: 1 σ of each axis and reading
-    verdict: str  # to expect
-    sentence: str  # duration, and the first sentence of that verdict
+    verdict: str  # expected verdict
+    sentence: str  # duration, and the first sentence of the expected verdict
     steps: tuple[str, ...]  # instructions, one for each attitude
     seconds: float
     rate_hz: float  # readings a second
@@ -120,7 +120,7 @@ def planned_table() -> tuple[PlannedRecording, ...]:
 
 
 def bodies_data() -> list[list[str]]:
-    """Name and description of each body, for the page."""
+    """Name and description of each body, such as a drone, for the page."""
     return [[body.name, body.description] for body in BODIES.values()]
 
 

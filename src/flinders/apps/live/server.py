@@ -73,9 +73,9 @@ SCRIPTS: Final[dict[str, tuple[str, tuple[str, ...]]]] = {
     "worker.js": ("apps/live/static/standalone/worker.js", ()),
     "views/scene.js": ("static/views/scene.js", ("Scene",)),
 }
-"""Scripts joined from a module and its imports: the module, and its exports."""
+"""Scripts that are joined from a module and its imports: name of the module, and its exports."""
 COMPRESSION: Final = (Middleware(GZipMiddleware, compresslevel=6),)
-"""Compression of the page, to 208 kB from 600: over 4 Mbit/s the page loads in 1.6 s instead of 2.1 s."""
+"""Compression of the page, from 600 to 208 kB: over 4 Mbit/s the page loads in 1.6 s instead of 2.1 s."""
 MAX_SILENCE_S: Final = 2.0  # Longest time between messages: a page treats a silent connection as lost
 JSON: Final = "application/json"
 MAX_PAGES: Final = 20
@@ -93,7 +93,7 @@ class Uploads:
 
     @contextlib.contextmanager
     def count_bytes(self) -> Iterator[Callable[[int], int]]:
-        """Yield a function that adds bytes of one upload and returns the total of all; subtract them at the end."""
+        """Yield a function that adds a number of bytes to an upload, and returns the upload's size so far."""
         mine = 0
 
         def count(size: int) -> int:
@@ -116,9 +116,10 @@ def application(
     tables: Callable[[], bytes] = bytes,
     more: Sequence[BaseRoute] = (),
 ) -> ASGIApp:
-    """Return the application of a hub with routes and guard; `tables` are data of the page, the rest as for `Guard`.
+    """Return the application of a hub, with its routes and access control.
 
-    `more`: routes that take precedence, such as those of another page.
+    `tables` returns the data of the page as JSON. `more` are routes that take precedence, such as those of another
+    page. The other parameters are those of `Guard`.
     """
 
     @contextlib.asynccontextmanager
@@ -156,7 +157,7 @@ def application(
 
 
 async def _on_error(_: Request, error: Exception) -> Response:
-    """Convert an error to an answer: missing, unreadable, or not possible now."""
+    """Convert an error to an answer whose status says: missing, unreadable, or not possible now."""
     if isinstance(error, HTTPException):
         return answer(error.detail, error.status_code, error.headers)
     if not isinstance(error, FlindersError):
@@ -173,7 +174,7 @@ async def _index(_: Request) -> Response:
 
 
 def _script(request: Request) -> Response:
-    """Answer with a joined module of the page; 404 if missing, as without the 3-D view, which the page handles."""
+    """Answer with a script of the page; 404 if the installation lacks the 3-D view, which the page can do without."""
     entry = request.url.path.removeprefix("/static/")
     try:
         module, exported = SCRIPTS[entry]
@@ -199,7 +200,7 @@ async def _engine(_: Request) -> Response:
 
 
 async def _plan(request: Request) -> Response:
-    """A plan for a body and a noise in µT."""
+    """Answer with the plan of a recording for a body and a noise in µT."""
     from flinders.apps.live.planned import planned_recording
 
     asked = request.query_params
@@ -243,7 +244,7 @@ async def _body(request: Request) -> bytes:
 
 
 def _made(request: Request) -> FinishedCalibration:
-    """Return the calibration that a request names."""
+    """Return the finished calibration whose number a request states."""
     hub: Hub = request.app.state.hub
     made = hub.finished.get(request.query_params.get("of", ""))
     if made is None:

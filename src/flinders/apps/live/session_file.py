@@ -52,12 +52,12 @@ DEFAULT_TARGET: Final = "arduino"
 
 
 def line_of(edits: Edits) -> str:
-    """Write edits as a comment of the file."""
+    """Write edits as a comment line for the file of a session."""
     return f"{PREFIX}{encode(edits)}\n"
 
 
 def edits_in(lines: Iterable[str]) -> Edits:
-    """Parse the last comment with edits; one that a crash has truncated is skipped."""
+    """Parse the edits in the last comment that has any; a comment that a crash has truncated is skipped."""
     edits = Edits()
     for line in lines:
         if line.startswith(PREFIX):
@@ -91,16 +91,16 @@ class Log(NamedTuple):
     unit: Unit = Unit.of()
     axes: Axes = Axes()
     frame: str = "sensor"
-    is_timed: bool = True  # times were recorded, and are not the numbers of readings
+    is_timed: bool = True  # whether times were recorded; otherwise the number of a reading serves as its time
     site: Site | None = None  # field at the place of the recording, from its file
 
     @property
     def advice_frame(self) -> Literal["sensor", "vehicle"]:
-        """Frame for the words of advice: the vehicle if the mounting of the sensor is known, else the sensor."""
+        """Frame in whose axes advice is worded: the vehicle if the mounting of the sensor is known, else the sensor."""
         return "vehicle" if self.frame == "vehicle" or not self.axes.is_identity else "sensor"
 
     def site_known(self, site: Site | None) -> Site | None:
-        """Site with only the quantities that these readings can be compared with: no strength for counts."""
+        """Site without the quantities that these readings cannot be compared with: without a strength for counts."""
         return site if site is None or self.unit.inside == MICROTESLA else replace(site, strength=None)
 
 
@@ -109,7 +109,7 @@ class Source:
     """Source of the readings of a session."""
 
     kind: Kind  # as in `SourceState`
-    # returns a feed that records to a sink, given the sink and the recording that is ``resumed``
+    # returns a feed that records to a sink; arguments are the sink and ``resumed``, the recording to continue
     start: Callable[..., Feed]
     # arguments of `flinders.open_recording` for the recording
     reading: dict[str, Any] = field(default_factory=dict)
@@ -168,7 +168,7 @@ def open_session(
 
 
 def _close_pause(edits: Edits, seconds: float) -> Edits:
-    """Edits in which a pause that lasted to the end is an excluded span of time."""
+    """Convert a pause that lasted to the end of a session to an excluded span of time."""
     if edits.paused_s is None:
         return edits
     before = tuple(span for span in edits.excluded if span[1] < edits.paused_s)
@@ -179,7 +179,7 @@ def _close_pause(edits: Edits, seconds: float) -> Edits:
 
 
 def default_path(now: datetime, folder: str = FOLDER) -> Path:
-    """Path of a session by its time, in a folder that is created if missing; `OutputError` if that fails."""
+    """Path of a session's file, named by the time `now`, in a folder that is created; `OutputError` if that fails."""
     path = Path(folder)
     try:
         path.mkdir(exist_ok=True)
@@ -192,9 +192,9 @@ def default_path(now: datetime, folder: str = FOLDER) -> Path:
 
 @dataclass(slots=True, eq=False)
 class TrimmedRecording(RecordingWrapper):
-    """A recording on the timeline of its session, without some spans of time and the moments at their ends.
+    """A recording on the timeline of its session, without some spans of time, whose ends are left out too.
 
-    `timeline` is the state after the last pass; without times, the numbers of the readings serve as times.
+    `timeline` is the state after the last pass. Without recorded times, the number of a reading serves as its time.
 
     Examples
     --------

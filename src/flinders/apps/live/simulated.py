@@ -1,6 +1,6 @@
 """Feed of a simulated sensor in a hand: first only rocked, the most common mistake, then turned through all directions.
 
-A calibration within 1° takes half a minute, so that a new user sees the page's advice before.
+A calibration within 1° takes half a minute, so that a new user sees the page's advice first.
 
 >>> feed = SimulatedFeed(seed=1, speed=None)
 >>> feed.next(0.1).words
@@ -43,12 +43,12 @@ ROCKING: Final = ((0.5, 0.25), (0.4, 0.375), (0.0, 0.0))
 """Amplitude, rad/s, and frequency, Hz, of the rate about each axis while rocking, by about ±20°."""
 TUMBLE_S: Final = 60.0
 TUMBLE_RADPS: Final = 0.8
-"""Turn rate of a slow hand."""
+"""Turn rate of a slow hand, rad/s."""
 COMMENTS: Final = (
     (4.0, "the simulated hand only rocks the sensor, a common mistake: most directions of the sphere stay unknown"),
     (ROCKING_S, "now it turns the sensor over, through all directions: the error falls"),
 )
-"""Times of the simulation, s, and comments to show then."""
+"""Times of the simulation in s, and the comments that are shown at these times."""
 
 
 class SimulatedFeed(Replay):
@@ -94,7 +94,7 @@ class SimulatedFeed(Replay):
         return f"a simulated sensor, {RATE_HZ:g} readings a second"
 
     def next(self, timeout: float) -> Received:
-        """As `Feed.next`, with the comments on the hand."""
+        """As `Feed.next`, with comments on the motion of the hand."""
         if self._said and self._reached_s >= self._said[0][0]:
             return FeedEvent("connected", *self._said.pop(0))
         received = super().next(timeout)

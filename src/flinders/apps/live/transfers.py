@@ -1,7 +1,7 @@
 r"""Uploads with a limit on their unpacked size, and downloads of files that still grow.
 
 The size stated in a compressed file is not trusted: the file is unpacked once, and refused as soon as it is too large.
-After that its reader unpacks it, as for the command line, which has no limit.
+Then its reader unpacks it again. Files on the command line have no such limit.
 
 >>> import gzip
 >>> from pathlib import Path
@@ -44,11 +44,11 @@ PACKED: Final = (GZIP, ZIP, MAT)
 UNPACKED_BYTES: Final = 256 << 20
 """Largest unpacked size of an upload in bytes; reading so much text takes half a minute."""
 MAX_LAYERS: Final = 3
-"""Most nested compressions, as many as readers unpack."""
+"""Largest number of nested compressions, as many as readers unpack."""
 PACKINGS: Final = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 """Compression methods of archive members that `zipfile` unpacks in bounded memory."""
 TAIL: Final = 1 << 16
-"""Bytes to search at a time for the end of the last whole line."""
+"""Number of bytes that are searched at a time for the end of the last whole line."""
 
 
 def load_upload(path: Path, name: str) -> tuple[Log, str]:
@@ -75,7 +75,7 @@ def refuse_large(path: Path, name: str) -> None:
 
 
 def unpack(file: IO[bytes], layers: int = MAX_LAYERS) -> Iterator[bytes]:
-    """Yield the unpacked content of a file in pieces, and that of nested compressions; nothing for a plain file."""
+    """Yield the unpacked content of a file in pieces, then that of compressed files in it; nothing for a plain file."""
     for pieces in map(_valid_pieces, _packed_files(file)):
         first = next(pieces, b"")
         yield first
@@ -92,7 +92,7 @@ def _valid_pieces(pieces: Iterator[bytes]) -> Iterator[bytes]:
 
 
 def _unpack_nested(first: bytes, pieces: Iterator[bytes], layers: int) -> Iterator[bytes]:
-    """Yield the rest of a compressed file, then the unpacked content of that."""
+    """Yield the unpacked content of a file, then the content of a compressed file in it, up to `layers` deep."""
     with tempfile.TemporaryFile() as inner:
         inner.write(first)
         for piece in pieces:
@@ -136,7 +136,7 @@ def _pieces(opened: Callable[[], gzip.GzipFile | IO[bytes]]) -> Iterator[bytes]:
 
 
 def snapshot(path: Path) -> StreamingResponse:
-    """Answer with the whole lines that a file has now; it may grow meanwhile."""
+    """Answer with the complete lines that a file has now; the file may grow meanwhile."""
     with path.open("rb") as file:
         size = _whole_lines(file)
     name = quote(path.name)

@@ -87,7 +87,7 @@ def _notes(account: SwingAccount) -> list[tuple[str, str]]:
 
 
 def _rule_facts(swing: Swing) -> dict[str, str]:
-    """Rule, limit, and the texts of the rule that were seen."""
+    """Rule, limit, and the texts of the rule from which they were taken."""
     limit = {} if swing.conformity is None else {"Limit": f"{swing.conformity.limit_deg:g}° on any heading"}
     if swing.rule is None:
         return limit

@@ -63,9 +63,9 @@ MIN_HEADINGS: Final = 8
 MAX_GAP_S: Final = 3.0
 """Largest interval between two messages of the reference for interpolation."""
 MAX_DERIVED_SCATTER_DEG: Final = 0.2
-"""Largest scatter of a true heading about the compass heading if it was calculated from the latter."""
+"""Largest scatter about the compass heading of a true heading that was calculated from the compass."""
 MIN_DATE_S, MAX_DATE_S = 31_536_000.0, 4_102_444_800.0
-"""First and last time that is a date, 1971 and 2100, in s since 1970."""
+"""Range of times that are dates, from 1971 to 2100, in s since 1970."""
 NEED: Final = (
     "need the compass (HDG, HDM; PGN 127250; navigation.headingMagnetic) and a true heading of another instrument "
     "(HDT, THS; headingTrue) or the course over ground (RMC, VTG; PGN 129026; courseOverGroundTrue)"
@@ -182,7 +182,7 @@ def read_courses(path: str | os.PathLike[str]) -> CourseLog:
 
 
 def _velocity(course: _Stream, speed: _Stream) -> TimeSeries | None:
-    """North and east velocity in m/s, at the times of the courses."""
+    """North and east velocity in m/s from course and speed, at the times of the courses."""
     along = np.deg2rad(course.value)
     directions = np.column_stack([np.cos(along), np.sin(along)])
     return TimeSeries.of(course.time, _interpolate(course.time, speed.time, speed.value)[:, np.newaxis] * directions)
@@ -213,11 +213,11 @@ class _Stream(NamedTuple):
 
     @property
     def words(self) -> str:
-        """Word for the messages."""
+        """Word for the messages of this stream."""
         return "true headings" if self.kind == "heading" else "courses over ground"
 
     def at(self, time: Floats) -> Floats:
-        """Angles at other times, in [0, 360); NaN in gaps between messages."""
+        """Angles in [0, 360) at given times, interpolated between messages; NaN in gaps."""
         around = np.rad2deg(np.unwrap(np.deg2rad(self.value)))
         return wrap_360(_interpolate(time, self.time, around))
 
@@ -236,7 +236,7 @@ class _Series:
         return cls(by_source)
 
     def stream(self, kind: str) -> _Stream | None:
-        """Stream of a kind from the source with most messages; None if they are too few."""
+        """Stream of one kind of message, from the source with most of them; None if they are too few."""
         counts = {key: len(members) for key, members in self.by_source.items() if key[0] == kind}
         if not counts:
             return None
@@ -247,7 +247,7 @@ class _Series:
         return _Stream(*key, time[is_new], value[is_new]) if is_new.sum() >= MIN_HEADINGS else None
 
     def require_stream(self, kind: str, name: str) -> _Stream:
-        """Stream of a kind as `stream`; raises `UnreadableInput` if there is none."""
+        """The same as `stream`, but raises `UnreadableInput` if there is no such stream."""
         stream = self.stream(kind)
         if stream is None:
             raise UnreadableInput(f"{name} has no heading of a compass with a time: {NEED}")
@@ -287,7 +287,7 @@ def _scatter_deg(angles_deg: Floats) -> float:
 
 
 def _interpolate(time: Floats, known: Floats, value: Floats) -> Floats:
-    """Values at other times, by interpolation; NaN in gaps longer than `MAX_GAP_S`, and beyond the ends."""
+    """Values at the times `time`, interpolated; NaN in gaps longer than `MAX_GAP_S`, and beyond the ends."""
     after = np.searchsorted(known, time).clip(1, len(known) - 1)
     is_near = (known[after] - known[after - 1] <= MAX_GAP_S) & (time >= known[0]) & (time <= known[-1])
     return np.where(is_near, np.interp(time, known, value), np.nan)

@@ -212,7 +212,7 @@ def _refuse(name: object, **given: object) -> None:
 
 
 def _of_table(table: SwingTable, site: SiteField | None, sigma_deg: float | None) -> Swing:
-    """Swing from a table."""
+    """Make a swing from a table of headings."""
     compass, deviations = table.deviations(site)
     stated = table.columns.get("sigma")
     if stated is not None and sigma_deg is not None:
@@ -224,7 +224,7 @@ def _of_table(table: SwingTable, site: SiteField | None, sigma_deg: float | None
 
 
 def _of_boat(log: CompassLog, site: SiteField, limits: Mapping[str, float]) -> Swing:
-    """Swing from the straight legs of a log; if they are too few and the reference is a heading, from its turns."""
+    """Make a swing from the straight legs of a log; with too few legs and a heading as reference, from its turns."""
     magnetic = wrap_360(log.reference_deg - site.declination_deg)
     try:
         logged = legs(log.time, log.compass_deg, magnetic, log.speed, is_course=log.is_course, **limits)
@@ -242,7 +242,7 @@ def _of_boat(log: CompassLog, site: SiteField, limits: Mapping[str, float]) -> S
 def _of_recording(
     recording: SwingRecording, headings_deg: Sequence[float] | None, site: SiteField | None, sigma_deg: float | None
 ) -> Swing:
-    """Swing from rests on known headings, with their half turns."""
+    """Make a swing from rests on known headings, with their half turns."""
     halves = recording.half_turns()
     if headings_deg is None and not halves:
         raise FitError(

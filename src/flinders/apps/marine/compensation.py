@@ -36,7 +36,7 @@ MAX_CARDINAL_ERROR_DEG: Final = 5.0
 
 @dataclass(frozen=True, slots=True)
 class Corrector:
-    """One cardinal heading: the reading of the compass, its reading after correction, and the remaining deviation."""
+    """Correction on one cardinal heading: reading of the compass, reading to set, and remaining deviation."""
 
     name: str  # N, E, S or W
     compass_deg: float  # reading of the compass
@@ -75,7 +75,7 @@ class Compensation:
 
 
 def compensation(compass_deg: ArrayLike, deviation_deg: ArrayLike) -> Compensation:
-    """Corrections from readings, with one near each cardinal heading.
+    """Find the corrections from the readings of a swing, one of which is near each cardinal heading.
 
     Raises `FitError` if no reading is within 5° of one of N, E, S and W; `ArrayError` for arrays of different lengths.
 

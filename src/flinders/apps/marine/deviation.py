@@ -1,8 +1,8 @@
 """The deviation of a compass: five coefficients from a swing, and the deviation card.
 
 ``δ(ζ) = A + B sin ζ + C cos ζ + D sin 2ζ + E cos 2ζ``: magnetic less compass heading, east positive, over the *compass*
-heading ζ. A is a misaligned compass or a wrong reference, B and C are hard iron fore-and-aft and athwartships (and soft
-iron that the vertical field magnetises), D and E are soft iron.
+heading ζ. A comes from a misaligned compass or a wrong reference. B and C come from hard iron fore-and-aft and
+athwartships, and from soft iron that the vertical field magnetises. D and E come from soft iron.
 
 >>> swing = fit(range(0, 360, 45), [10.5, 20.0, 11.5, -1.2, -5.5, -8.0, -12.5, -6.8])      # H.O. 226, figure 501
 >>> swing.coefficients_deg.round(4)
@@ -36,7 +36,7 @@ NAMES: Final = "ABCDE"
 MIN_HEADINGS: Final = 5
 """Smallest number of headings for five coefficients."""
 MARGIN_SIGMAS: Final = 2.0
-"""Standard deviations by which a curve has to be within a limit."""
+"""Margin by which a curve has to be within a limit, in standard deviations."""
 ADVISED_HEADINGS: Final = 8
 """Number of headings that a swing should have."""
 LARGE_DEVIATION_DEG: Final = 15.0
@@ -52,9 +52,9 @@ MAX_SCATTER_DEG: Final = 30.0
 MAX_POINT_ERROR_DEG: Final = 1.0
 """Largest distance of headings from the cardinal and intercardinal points for the eight-point formulas."""
 CARD_STEP_DEG: Final = 15.0
-"""Default step of a card."""
+"""Default step between the headings of a card, in degrees."""
 CONTRADICTION_PROBABILITY: Final = 1e-3
-"""Probability of a swing below which it contradicts its calibration."""
+"""Probability below which a swing contradicts its calibration."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,7 +67,7 @@ class Deviation:
 
     coefficients_deg: Floats  # (5,) A, B, C, D and E
     covariance: Floats | None  # (5, 5) degrees²; None if the uncertainty of headings is not known
-    sigma_deg: float | None  # scatter of one observation about the curve, or its given 1 σ
+    sigma_deg: float | None  # 1 σ of one observation: as given, else its scatter about the curve
     compass_deg: Floats  # (N,) headings by the compass
     observed_deg: Floats  # (N,) observed deviations
     residual_deg: Floats  # (N,) observed less curve
@@ -184,7 +184,7 @@ class Deviation:
             else dict(zip(NAMES, self.eight_point_coefficients.tolist(), strict=True)),
             "headings": len(self.compass_deg),  # number of observed headings
             "freedom": self.freedom,
-            "observation_sigma_deg": self.sigma_deg,  # 1 σ of one observation about the curve, or its given 1 σ
+            "observation_sigma_deg": self.sigma_deg,  # 1 σ of one observation: as given, else its scatter
             "chi_square": self.chi_square,
             "largest_deg": self.largest_deg,
             "widest_gap_deg": self.widest_gap_deg,
@@ -205,13 +205,13 @@ class Deviation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Expected:
-    """Deviation that the claimed uncertainty of a calibration allows: B to E, with zero mean.
+    """Deviation to expect from a calibration: zero, with the claimed uncertainty as covariance of B to E.
 
-    It is the same error on all headings of a swing, and therefore part of the curve, not of the curve's uncertainty.
+    An error of the calibration is part of the deviation curve, not of the curve's uncertainty.
     """
 
     covariance: Floats  # (4, 4) degrees², of B, C, D and E; a calibration claims nothing about A, the mounting
-    dip_deg: float  # dip of the field for which it holds
+    dip_deg: float  # dip of the field for which the covariance holds
     dip_from: str  # source of the dip
 
     @property
@@ -221,10 +221,10 @@ class Expected:
         return sigmas
 
     def chance(self, deviation: Deviation) -> tuple[float, int, float] | None:
-        """χ² of B to E of a swing, its degrees of freedom, and its p value; None if the swing has no covariance.
+        """χ² of a swing's B to E for this covariance, degrees of freedom, and p value.
 
-        If the swing's own σ comes from few residuals, it is uncertain: the p value allows for that by the degrees of
-        freedom of Welch and Satterthwaite.
+        None if the swing has no covariance. A σ of the swing from few residuals is uncertain: the p value allows for
+        that by the degrees of freedom of Welch and Satterthwaite.
 
         >>> swing = fit(range(0, 360, 45), [1.1, 0.8, 0.1, -0.6, -1.0, -0.8, 0.1, 0.6], sigma_deg=0.2)   # C is 1.0°
         >>> expected = [Expected(sigma**2 * np.eye(4), 60.0, "given") for sigma in (0.5, 0.05)]
@@ -307,7 +307,7 @@ def fit(compass_deg: ArrayLike, deviation_deg: ArrayLike, *, sigma_deg: ArrayLik
 
 
 def common_error(sigma_deg: float) -> Floats:
-    """(5, 5) covariance of A to E in degrees² from a common error of all known headings, which is an error of A."""
+    """(5, 5) covariance of A to E in degrees², for an error of 1 σ that all known headings share: an error of A."""
     covariance = np.zeros((len(NAMES), len(NAMES)))
     covariance[0, 0] = sigma_deg**2
     return covariance

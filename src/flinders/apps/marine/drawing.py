@@ -83,7 +83,7 @@ def _east_or_west(deviation_deg: float) -> str:
 
 
 def _observations(deviation: Deviation, plot: Plot) -> str:
-    """Observations, each joined to the curve by a line."""
+    """SVG of the observations, each joined to the curve by a line."""
     rows = zip(deviation.compass_deg, deviation.observed_deg, deviation.residual_deg, strict=True)
     return "".join(
         segment("residual", plot.x(heading), plot.y(observed - residual), plot.x(heading), plot.y(observed))

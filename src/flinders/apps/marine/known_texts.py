@@ -1,4 +1,4 @@
-"""Texts of boats without readings of a magnetometer, with advice on their use."""
+"""Texts of boats that are no readings of a magnetometer, recognised so that a reader can give advice on their use."""
 
 from __future__ import annotations
 

@@ -1,9 +1,10 @@
 """Deviations from a log under way: on straight legs or while turning, relative to a heading or a course over ground.
 
-A course is not a heading. Current changes it: over ground a boat moves with v = s (sin h, cos h) + u. The current u
-follows from the speeds on legs all round, since |v − u| = s on each. The course through the water, that of v − u, still
-differs from the heading by leeway, for which there is only a prior: `CRAB_DEG`. Errors of u and of leeway are the same
-on all legs and not visible in residuals: they change B and C, and are stated as covariance of these.
+A course is not a heading. Over ground a boat moves with v = s (sin h, cos h) + u, with speed s and heading h through
+the water, and current u. The current follows from the speeds on legs all round, since |v − u| = s on each. The course
+through the water, the direction of v − u, still differs from the heading by leeway, for which there is only a prior:
+`CRAB_DEG`. Errors of u and of leeway are the same on all legs, so that residuals do not show them. They change B and C,
+and are stated as a covariance of B and C.
 
 >>> rng, around = np.random.default_rng(1), np.repeat(np.arange(0.0, 360.0, 45.0), 60)
 >>> velocity = 3.0 * np.exp(1j * np.deg2rad(around)) + (0.3 + 0.2j)             # north + i east, m/s
@@ -13,8 +14,8 @@ on all legs and not visible in residuals: they change B and C, and are stated as
 (True, 8, True)
 
 While a vehicle turns, a compass with a lag τ is behind by τ times the rate, with opposite signs for the two directions.
-If the vehicle turns in both directions, τ is estimated from the readings. For one direction the lag looks like A, and
-is part of its uncertainty, with the prior 0 ± `LAG_S`.
+If the vehicle turns in both directions, τ is estimated from the readings. For one direction the effect of a lag is that
+of A: with the prior 0 ± `LAG_S`, it is part of the uncertainty of A.
 
 >>> time = np.arange(0.0, 480.0, 0.5)
 >>> heading = np.where(time < 240.0, 1.5 * time, 720.0 - 1.5 * time)
@@ -52,26 +53,26 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 MIN_LEG_S: Final = 20.0
-"""Shortest leg."""
+"""Shortest leg, in s."""
 SMOOTH_S: Final = 10.0
-"""Window over which a heading is averaged to find legs, so that waves and steering do not count as turns."""
+"""Window in s over which a heading is averaged to find legs, so that waves and steering do not count as turns."""
 MIN_SPEED_M_S: Final = 2.0
 """Smallest speed over ground at which a course is used, in m/s: four knots."""
 CRAB_DEG: Final = 1.0
-"""Difference of course and heading by leeway, 1 σ."""
+"""Difference of course and heading by leeway, 1 σ in degrees."""
 SPEED_SHARE: Final = 0.02
 """Smallest variation of the speed through the water from leg to leg, 1 σ, as a share of the speed."""
 BLOCKS: Final = 8
-"""Number of parts of a leg, whose scatter gives the uncertainty of its mean."""
+"""Number of parts into which a leg is divided; their scatter gives the uncertainty of the leg's mean."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoggedSwing:
     """Readings of a swing from a log, and the covariance of their common error."""
 
-    compass_deg: Floats  #: (N,) degrees
-    deviation_deg: Floats  #: (N,) degrees
-    sigma_deg: Floats  #: (N,) degrees
+    compass_deg: Floats  #: (N,) degrees: headings by the compass
+    deviation_deg: Floats  #: (N,) degrees: deviations there
+    sigma_deg: Floats  #: (N,) degrees: 1 σ of each deviation
     seconds: Floats  #: (N,) s: duration of each reading
     common_covariance: Floats  #: (5, 5) degrees²: covariance of A to E from errors that all readings share
     notes: tuple[Note, ...] = ()  #: corrections that were made, and assumptions
@@ -137,7 +138,7 @@ def legs(
 
 
 def _spans(compass_deg: Floats, step: float, least_s: float) -> list[slice]:
-    """Stretches of one smoothed heading, without the ends that smoothing mixes with turns."""
+    """Stretches of constant smoothed heading; their ends, which smoothing mixes with turns, are left out."""
     width = max(round(SMOOTH_S / step), 1)
     smooth = np.convolve(np.exp(1j * np.deg2rad(compass_deg)), np.ones(width) / width, "same")
     least = max(round(least_s / step), 1)
@@ -155,7 +156,8 @@ def _is_sound(velocity: Complexes, slowest: float) -> bool:
 def _current(means: Complexes) -> tuple[complex, Floats]:
     """Current from the velocities of legs, and (2, 2) covariance of B and C from its uncertainty, degrees².
 
-    |v|² = 2 u·v + (s² − |u|²) is linear in u and the bracket; the uncertainty comes from the scatter of s over legs.
+    |v|² = 2 u·v + (s² − |u|²) is linear in u and in the constant s² − |u|². The uncertainty comes from the scatter of s
+    over the legs.
     """
     (up, right), radius = sphere_through(np.column_stack([means.real, means.imag]))
     through = max(radius, 1e-6)
@@ -191,7 +193,7 @@ def _course_notes(current: complex | None, crab_deg: float) -> tuple[SwingNote, 
 
 
 def _refuse_few(legs: int, steady: int, *, is_course: bool, least_s: float, slowest: float) -> None:
-    """Refuse a log with fewer legs than coefficients."""
+    """Refuse a log with fewer usable legs than coefficients."""
     if legs >= MIN_HEADINGS:
         return
     speed = f" at {slowest:g} m/s or more" if is_course else ""
@@ -204,19 +206,19 @@ def _refuse_few(legs: int, steady: int, *, is_course: bool, least_s: float, slow
 
 
 SECTOR_DEG: Final = 15.0
-"""Width of a sector; a reading is the mean while the compass passes one sector."""
+"""Width of a sector in degrees; a reading is the mean while the compass passes one sector."""
 LAG_S: Final = 1.0
-"""Prior of the lag, 1 σ."""
+"""Prior of the lag, 1 σ in s."""
 MIN_READINGS: Final = 3
 """Smallest number of readings in a sector."""
 ITERATIONS: Final = 4
 """Iterations until lag and scatter have converged."""
 MIN_SCATTER_DEG: Final = 0.01
-"""Smallest scatter of a reading that is assumed."""
+"""Smallest scatter of a reading that is assumed, in degrees."""
 
 
 def turn_readings(time: Floats, compass_deg: Floats, heading_deg: Floats) -> LoggedSwing:
-    """Take a reading from each sector that the compass passes, and correct them for the lag.
+    """Take a reading from each sector that the compass passes while turning, and correct the readings for the lag.
 
     Raises `FitError` for fewer than five passes.
 
@@ -256,7 +258,7 @@ def turn_readings(time: Floats, compass_deg: Floats, heading_deg: Floats) -> Log
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Rows:
-    """A reading from each pass: (N,) compass heading and deviation in degrees, and mean rate in degrees per second."""
+    """Readings of N passes: compass headings and deviations in degrees, and mean rates in degrees per second."""
 
     compass_deg: Floats
     deviation_deg: Floats
@@ -264,7 +266,7 @@ class _Rows:
 
     @classmethod
     def of(cls, time: Floats, compass_deg: Floats, heading_deg: Floats, passes: Sequence[slice]) -> Self:
-        """Means of the passes; `heading_deg` is unwrapped."""
+        """Mean values of each pass; `heading_deg` is continuous, without jumps at 360°."""
         off = wrap_180(heading_deg - compass_deg)
         ends = [(part.start, part.stop - 1) for part in passes]
         return cls(
@@ -279,7 +281,7 @@ class _Rows:
         return min(int(np.sum(self.rate > 0.0)), int(np.sum(self.rate < 0.0))) >= MIN_HEADINGS
 
     def lag(self, known: float) -> tuple[float, float, float]:
-        """Remaining lag in s after a correction by `known`, its variance, and the scatter of a reading in degrees."""
+        """Lag in s that remains after a correction by `known`, its variance, and scatter of a reading in degrees."""
         rows, scatter = np.column_stack([design(self.compass_deg), self.rate]), 1.0
         for _ in range(ITERATIONS):
             prior = scatter / LAG_S
@@ -292,6 +294,6 @@ class _Rows:
 
 
 def _passes(compass_deg: Floats) -> list[slice]:
-    """Passes of the compass through one sector."""
+    """Find the passes of the compass through a sector each, as slices."""
     edges = np.flatnonzero(np.diff(np.floor(compass_deg / SECTOR_DEG), prepend=-1.0, append=-1.0)).tolist()
     return [slice(start, stop) for start, stop in pairwise(edges) if stop - start >= MIN_READINGS]

@@ -1,9 +1,8 @@
 r"""Sentences of NMEA 0183 with heading, course and place: HDG, HDM, HDT, THS, VTG, RMC, GGA and GLL.
 
-Few sentences have a time. A line has the time of the logger if one stands before the sentence, in seconds or
-milliseconds since 1970, as written by Signal K's server and in TAG blocks; else times are interpolated between the
-fixes of RMC, GGA and GLL. The first number of HDG is the reading of the sensor, without deviation. A sentence with a
-wrong check sum is left out.
+Few sentences have a time. Some loggers write a time before the sentence, in seconds or milliseconds since 1970: the
+server of Signal K, and TAG blocks. For other lines, times are interpolated between the fixes of RMC, GGA and GLL. The
+first number of HDG is the reading of the sensor, without deviation. A sentence with a wrong check sum is left out.
 
 Sources: gpsd "NMEA Revealed" by way of adrianmo/go-nmea ``hdg.go``; SignalK/nmea0183-signalk ``hooks/RMC.js`` and
 issue 235 (HDG).
@@ -39,11 +38,11 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
 Kind: TypeAlias = Literal["compass", "heading", "course", "speed", "latitude", "longitude"]
-"""Heading by the compass, true heading, true course over ground, speed over ground, position."""
+"""Kind of a number: compass heading, true heading, true course and speed over ground, and position."""
 
 
 class Message(NamedTuple):
-    """A number of a boat's instruments with its time and source, for NMEA 0183, NMEA 2000 and Signal K."""
+    """One number of a boat's instruments, with its time and source, from NMEA 0183, NMEA 2000 or Signal K."""
 
     time: float  # s since 1970, or since the beginning of the first day
     kind: Kind
@@ -168,7 +167,7 @@ def _midnight(day: str) -> float:
 
 
 def _next_time(clock: float, last: float | None) -> float:
-    """Time of a clock in s on the day of the previous time, or on the next day if the clock has passed midnight."""
+    """Time in s: a clock that counts from midnight plus the days up to the `last` time, and one more after midnight."""
     if last is None or clock >= DAY_S:
         return clock
     clock += DAY_S * (last // DAY_S)

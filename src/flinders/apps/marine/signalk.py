@@ -40,7 +40,7 @@ MAX_NUMBER: Final = 1e6
 
 
 def messages(lines: Iterable[str]) -> Iterator[Message]:
-    """Yield the messages of the vessel with most compass headings, as other vessels come by AIS."""
+    """Yield the messages of the vessel with most compass headings; messages of other vessels come from AIS."""
     by_vessel: dict[str, list[Message]] = {}
     for delta in map(_object, lines):
         said = by_vessel.setdefault(str(delta.get("context")), [])
@@ -67,7 +67,7 @@ def _update_messages(update: dict[str, Any]) -> Iterator[Message]:
 
 
 def _numbers_in(path: str, value: object) -> Iterator[tuple[Kind, float]]:
-    """Yield the kind and value of each number of a path."""
+    """Yield the kind and value of each number at a path of Signal K."""
     if path in KINDS and _is_number(value, MAX_NUMBER):
         yield KINDS[path], float(value) if KINDS[path] == "speed" else math.degrees(value)
     elif path == POSITION and isinstance(value, dict):

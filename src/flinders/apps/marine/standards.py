@@ -1,7 +1,8 @@
 """Rules for compasses of aircraft and ships: procedure, headings, and the largest deviation they allow.
 
-A rule has a limit only if its own text was seen, word for word; for the other rules the user gives the limit.
-`sources` lists the texts that were seen; the rule itself may contain more, and is decisive for a certificate.
+A rule has a limit here only if the limit was taken from the rule's own text, word for word; for the other rules the
+user gives the limit. `sources` lists the texts from which a rule was taken. The rule itself may contain more, and is
+decisive for a certificate.
 
 >>> rule = STANDARDS["ac43.13-1b"]
 >>> rule.limit_deg, rule.step_deg
@@ -23,10 +24,10 @@ class Standard:
 
     name: str  # name in the command line
     title: str  # full name of the rule
-    limit_deg: float | None  # largest deviation on any heading; None if the text of the rule was not seen
+    limit_deg: float | None  # largest deviation on any heading; None if the text of the rule was not available
     step_deg: float  # step between the headings of a swing, and between the lines of its card
     checklist: tuple[str, ...]  # steps of a swing
-    sources: tuple[str, ...]  # texts that were seen, with their place
+    sources: tuple[str, ...]  # texts from which the rule was taken, each with the place in it
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready fields, by the names of the attributes."""
@@ -49,7 +50,7 @@ SHIP: Final = (
     "Residual swing: steady on eight headings, 45° apart, by bearings, a gyro or satellite compass, or courses.",
     "Keep table or curve of the residual deviations near the compass.",
 )
-"""Steps of an adjuster on a ship, after sections 601 and 613 of the American Practical Navigator (Bowditch)."""
+"""Steps of a compass adjuster on a ship, after sections 601 and 613 of the American Practical Navigator (Bowditch)."""
 
 BARFIELD: Final = "Barfield 101-01200 sight compass, manual 56-101-01200 rev. G, pages 11 and 12: procedure, every 30°"
 
@@ -140,4 +141,4 @@ _ROWS: Final = (
 )
 
 STANDARDS: Final[Mapping[str, Standard]] = {row.name: row for row in _ROWS}
-"""Rules by name."""
+"""Rules for compasses, by name."""

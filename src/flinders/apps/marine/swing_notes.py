@@ -22,13 +22,13 @@ if TYPE_CHECKING:
     from flinders.apps.marine.deviation import Deviation, Expected
 
 LARGE_A_DEG: Final = 1.0
-"""A beyond which, if it is also larger than three times its 1 σ, the mounting of the compass should be checked."""
+"""Largest coefficient A, in degrees, for which the mounting is not questioned; three times its 1 σ is allowed too."""
 
 MAX_RESIDUAL_RATIO: Final = 3.0
 """Largest residual of a heading in units of its 1 σ; beyond it, the heading should be taken again."""
 
 READING_ADVICE: Final = "swing on more headings, or read them better"
-"""Remedy for an uncertain curve."""
+"""Remedy for an uncertain deviation curve."""
 COMPENSATION_ADVICE: Final = "compensate or calibrate first, then swing again"
 """Remedy for large deviations."""
 
@@ -82,7 +82,7 @@ class SwingNote(Note):
 
 
 def curve_notes(deviation: Deviation, expected: Expected | None, *, target_deg: float) -> tuple[SwingNote, ...]:
-    """Notes on a curve: its ``limits`` first, which a good and certain curve does not have, then remarks.
+    """Notes on a curve: first those of severity ``limits``, which a good curve does not have, then remarks.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def _limits(deviation: Deviation, target_deg: float) -> Iterator[SwingNote]:
 
 
 def _outlier(deviation: Deviation) -> tuple[int, float] | None:
-    """Index and residual ratio of the worst observation, if its residual is too large for the given 1 σ."""
+    """Index of the worst observation, and its residual over the given 1 σ; None if no residual is too large."""
     if deviation.chi_square is None or deviation.freedom < 1 or not deviation.sigma_deg:
         return None
     given = deviation.sigma_deg / max(1.0, (deviation.chi_square / deviation.freedom) ** 0.5)

@@ -110,7 +110,7 @@ def sentences(deviation: Deviation, step_deg: float, declination_deg: float | No
 
 
 def _east_or_west(angle_deg: float) -> str:
-    """Two fields: degrees, and E or W."""
+    """Two fields of an NMEA sentence for an angle: degrees, and E or W."""
     return f"{abs(angle_deg):.1f},{'W' if angle_deg < 0.0 else 'E'}"
 
 
@@ -121,7 +121,7 @@ def _coefficients(account: SwingAccount, deviation: Deviation) -> Table:
 
 
 def _card(account: SwingAccount, deviation: Deviation) -> Text:
-    """Lines of the deviation card, with the curve to the right of the numbers."""
+    """Lines of the deviation card, with the curve drawn to the right of the numbers."""
     headings, values, _ = deviation.card(account.step_deg)
     end, half = axis_end(deviation), CURVE_WIDTH // 2
     ends = f"{f'{end:g}° W':<{half}}0{f'{end:g}° E':>{half}}"
@@ -135,7 +135,7 @@ def _card(account: SwingAccount, deviation: Deviation) -> Text:
 
 
 def _observation(deviation: Deviation, heading: float, step_deg: float) -> float | None:
-    """Observation nearest to a line of the card, as the curve plus the residual; None without one near the line."""
+    """Observed deviation to show at a heading: curve plus residual of the nearest observation; None if none is near."""
     apart = np.abs(wrap_180(deviation.compass_deg - heading))
     place = int(apart.argmin())
     return float(deviation.at(heading) + deviation.residual_deg[place]) if apart[place] <= step_deg / 2.0 else None
@@ -178,6 +178,6 @@ AXIS_ENDS_DEG: Final = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30
 
 
 def axis_end(deviation: Deviation) -> float:
-    """End of the axis of deviation in degrees: the smallest possible one beyond curve and observations."""
+    """End of the axis of deviation in degrees: the smallest of `AXIS_ENDS_DEG` beyond curve and observations."""
     largest = max(deviation.largest_deg, float(np.abs(deviation.observed_deg).max()))
     return next((step for step in AXIS_ENDS_DEG if step >= largest), AXIS_ENDS_DEG[-1])

@@ -46,7 +46,7 @@ class Swing:
 
     @property
     def notes(self) -> tuple[Note, ...]:
-        """Limits of the curve, and further notes on it."""
+        """Notes on the curve, those that limit its use first."""
         curve = self.deviation
         return () if curve is None else curve_notes(curve, self.expected, target_deg=self.target_deg)
 
@@ -57,9 +57,10 @@ class Swing:
 
     @property
     def verdict(self) -> Verdict:
-        """``good``: the curve has no limits, is within the limit of a rule, and half turns of a recording pass.
+        """Verdict: ``good``, ``limited`` or ``refused``.
 
-        Else ``limited``; ``refused`` without a curve if half turns miss the target.
+        It is ``good`` if no note limits the curve, the curve is within the limit of the rule, and the half turns of a
+        recording are within the target. It is ``refused`` if there is no curve and half turns miss the target.
         """
         is_missed = bool(self.rests) and self.half_turns_pass is False
         if self.deviation is None:
@@ -68,7 +69,7 @@ class Swing:
         return "limited" if is_missed or is_open or limits_of(self.notes) else "good"
 
     def as_dict(self, spell: Spelling = python_arguments) -> dict[str, Any]:
-        """JSON-ready."""
+        """JSON-ready fields of a swing: curve, verdict, conformity, rests and half turns."""
         deviation, iron = self.deviation, hard_iron(self.halves)
         return {
             "deviation": None if deviation is None else deviation.as_dict(),

@@ -44,7 +44,7 @@ NAMES: Final = {
     "deviation": r"dev(iation)?|delta|error",
     "sigma": r"sigma|std|uncertainty|scatter",
 }
-"""Columns, with patterns for the words of their names; the first known word in a name counts."""
+"""Pattern of the words that name each column; the first known word in a header cell counts."""
 
 COLUMN_PAIRS: Final = (
     ("compass", "magnetic"),
@@ -62,7 +62,7 @@ NEED: Final = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SwingTable:
-    """Columns of a swing."""
+    """Table of a swing, column by column."""
 
     source: str  #: name of the file
     #: two of ``compass``, ``magnetic``, ``true`` and ``deviation``, and ``sigma`` if it is present: (N,), degrees
@@ -128,7 +128,7 @@ def read_swing(path: str | os.PathLike[str]) -> SwingTable:
 
 
 def refuse_beyond_circle(angles: Iterable[float], places: Iterable[str]) -> None:
-    """Refuse angles beyond 360°, as from a digit too many; raises `UsageError`."""
+    """Refuse angles beyond 360°, as after a typing error; raises `UsageError`."""
     for angle, place in zip(angles, places, strict=False):
         if abs(angle) > 360.0:
             raise UsageError(f"{place} is {angle:g}°: need degrees from −360 to 360")
@@ -157,7 +157,7 @@ def _cells(line: str) -> list[str]:
 
 
 def _columns(name: str, rows: list[tuple[int, list[str]]]) -> tuple[dict[str, int], list[tuple[int, list[str]]]]:
-    """Index of the cell of each column, and the lines below the header."""
+    """Find the index of each column, and return it with the lines below the header."""
     line, first = rows[0]
     if all(_number(cell) is not None for cell in first):
         if len(first) != 2:
@@ -185,7 +185,7 @@ def _kind(name: str) -> str:
 
 
 def _degrees(name: str, line: int, cells: Sequence[str], place: int) -> float:
-    """One number of a line; raises UnreadableInput with the number of the line if there is none."""
+    """Number in one cell of a line; raises UnreadableInput with the line's number if the cell has no number."""
     value = _number(cells[place]) if place < len(cells) else None
     if value is None or not np.isfinite(value):
         raise UnreadableInput(
@@ -196,7 +196,7 @@ def _degrees(name: str, line: int, cells: Sequence[str], place: int) -> float:
 
 
 def _number(cell: str) -> float | None:
-    """Degrees of a cell, negative with W after them; None for another text.
+    """Degrees in a cell, negative if W follows the number; None for another text.
 
     >>> _number("10.5"), _number("8 W"), _number("3,5°E"), _number("north")
     (10.5, -8.0, 3.5, None)

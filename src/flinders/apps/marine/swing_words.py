@@ -48,7 +48,7 @@ MIN_SIGMA_DEG: Final = 0.01
 TITLES: Final = {"within": "Within the limit", "open": "Open", "beyond": "Beyond the limit"}
 """Title of each verdict on a limit."""
 VERDICTS: Final = {"within": "good", "open": "limited", "beyond": "refused"}
-"""Verdict of a calibration that corresponds to each verdict on a limit."""
+"""Verdict of a statement, by verdict on a limit."""
 
 ADVICE: Final = {"open": READING_ADVICE, "beyond": COMPENSATION_ADVICE}
 """Remedy for each verdict on a limit."""
@@ -68,7 +68,7 @@ class CardRow(NamedTuple):
     """A line of a deviation card, for one heading."""
 
     heading: str
-    steer: str  # compass heading to steer for that magnetic heading; a dash if it is ambiguous
+    steer: str  # compass heading to steer for the magnetic heading of this line; a dash if it is ambiguous
     deviation: str  # deviation at that compass heading
     sigma: str  # 1 σ of the curve there; empty if it is not known
     magnetic: str  # magnetic heading for that compass heading
@@ -187,7 +187,7 @@ def east_or_west(angle: float) -> str:
 
 
 def swing_words(deviation: Deviation) -> str:
-    """Sentence about the curve."""
+    """Sentence about the deviation curve."""
     sigma = curve_sigma_deg(deviation)
     good = "" if sigma is None else f", known to {max(sigma, 0.005):.2f}° (1 σ) at worst"
     spread = deviation.sigma_deg

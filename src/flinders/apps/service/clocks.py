@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 MAX_CLOCK_DIFFERENCE_S: Final = 2.0  # Largest difference of sensor and machine; beyond it the machine's clock is used
-MIN_RESET_S: Final = 1.0  # Step back from which on a clock counts as reset; readings late by less are left out
+MIN_RESET_S: Final = 1.0  # Smallest step back of a clock that was reset; readings late by less are left out
 
 
 def duration(seconds: float) -> str:
@@ -43,8 +43,9 @@ def duration(seconds: float) -> str:
 class MachineClock:
     """Time of arriving readings, in seconds from 1970, by the clock of this machine.
 
-    Steps between readings are those of the sensor's own clock, as long as it agrees with the machine's. The time
-    follows a machine's clock that is set forward, as after a start without a battery, but not one that is set back.
+    Steps between readings are those of the sensor's own clock, as long as that agrees with the machine's clock. If the
+    machine's clock is set forward, as after a start without a battery, this time follows; if it is set back, this time
+    does not.
 
     Parameters
     ----------
@@ -75,7 +76,7 @@ class MachineClock:
 
     @property
     def now(self) -> float:
-        """Seconds from 1970."""
+        """Current time, in seconds from 1970."""
         wall, now = self._wall(), self._steady() + self._ahead
         if wall > now + MAX_CLOCK_DIFFERENCE_S:
             self._remarks.append(f"this machine's clock was set forward by {duration(wall - now)}")
@@ -88,7 +89,7 @@ class MachineClock:
         return now
 
     def of(self, times: Floats) -> Floats:
-        """Convert (N,) times of the sensor, or of arrival by another clock, to seconds from 1970; N > 0."""
+        """Convert (N,) times to seconds from 1970; they are by the sensor's clock, or times of arrival; N > 0."""
         now, newest = self.now, float(times[-1])
         if self._shift is None or abs(newest + self._shift - now) > MAX_CLOCK_DIFFERENCE_S:
             self._shift = now - newest
@@ -113,7 +114,7 @@ class RecordedClock:
         Time of the calibration's last reading; readings whose times do not count from 1970 continue from it.
     """
 
-    now = None  # The time between readings is unknown
+    now = None  # Between readings the current time is not known
 
     def __init__(self, since: float | None = None) -> None:
         self._since, self._last = since, math.nan
@@ -121,7 +122,7 @@ class RecordedClock:
         self._remarks: list[str] = []
 
     def of(self, times: Floats) -> Floats:
-        """Convert (N,) times to monotonic ones; N > 0."""
+        """Convert (N,) times of a recording to times that never decrease; N > 0."""
         if math.isnan(self._last):
             first = float(times[0])
             if self._since is not None and first < min(self._since, MIN_EPOCH_S):

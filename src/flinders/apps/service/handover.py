@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 INTERVAL_S: Final = 3600.0
 CHECK_PERIOD_S: Final = 5.0  # Period of checks
 MAX_ERROR_RATIO: Final = 0.8
-"""A calibration is sent if its heading error is at most this share of that with the one on board."""
+"""Largest heading error of a calibration to be sent, as a share of the error of the one on board."""
 MAX_OFFSET_SIGMA: Final = 0.05
-"""Share of the field: largest σ of an offset along any axis; beyond it, the calibration is not sent."""
+"""Largest σ of an offset along any axis, as a share of the field; beyond it, the calibration is not sent."""
 NAME: Final = re.compile(r"compass-before-(\d{8}T\d{6})Z\.\w+")
 
 
@@ -80,9 +80,9 @@ class Handover:
         return datetime.strptime(found[1] + "+0000", "%Y%m%dT%H%M%S%z").timestamp() if found else None
 
     def send_if_due(self, online: OnlineCalibration, time_s: float) -> tuple[str, str] | None:
-        """Send a calibration if due; returns an event with words, or None if nothing happened.
+        """Send a calibration if that is due; return an event and words on it, or None if nothing happened.
 
-        Events are ``sent``, ``not-sent`` with the reason, or ``waits`` for an action of the user.
+        The event is ``sent``, ``not-sent`` with the reason, or ``waits`` if the user has to act first.
         """
         now = self._clock()
         if abs(now - self._looked) < CHECK_PERIOD_S or (fit := online.fit) is None:

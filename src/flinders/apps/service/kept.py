@@ -1,4 +1,4 @@
-"""A file that is rewritten periodically: a failure is reported once, and writing is retried.
+"""File that is rewritten periodically: a failure is reported once, and writing is retried.
 
 >>> def full():
 ...     raise OutputError("state.json: cannot be written: No space left on device")

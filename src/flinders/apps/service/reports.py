@@ -31,32 +31,32 @@ EVENTS: Final = (*CODES.values(), "other-release", "good", "limited", "refused",
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """State at a time, or an event."""
+    """Report of an online calibration: its state at a time, or an event."""
 
     kind: Kind  # periodic state, event of the calibration, event of the source, or sending
-    event: str | None  # code of the event; of the source as in `Recording`; None for a periodic state
+    event: str | None  # code of the event, for an event of the source as in `FeedEvent`; None for a periodic state
     words: str | None  # the event in words
-    time_s: float  # s: by the clock of the readings, from 1970 if known
-    time: str | None  # the same as a date (UTC)
+    time_s: float  # time by the clock of the readings, from 1970 if known
+    time: str | None  # `time_s` as a date (UTC); None if it does not count from 1970
     doing: Doing  # `learning` without a calibration, `disturbed` if readings contradict it, else `undisturbed`
     verdict: Verdict  # `good` within the target, `refused` beyond five times the target or without a calibration
     heading_error_deg: float | None  # worst heading, level, 1 σ, with the calibration in force; None without one
     bound_deg: float | None  # bound on the heading error of all headings, with a probability of 95 %
     latest_deg: float | None  # heading error with the newest calibration, which may not be in force
-    age_s: float | None  # since readings last improved the calibration
+    age_s: float | None  # time since readings last improved the calibration
     walk: float | None  # random walk of the offset in an hour, 1 σ, in `unit`
     offset: tuple[float, float, float] | None  # newest estimate, in force or not, in `unit`; None without an estimate
     offset_sigma: tuple[float, float, float] | None  # 1 σ of its components, in `unit`
     radius: float | None  # mean length of readings about the offset, in `unit`
-    # of `walk`, `offset` and `radius`: `uT`, or `counts` if the scale is unknown; None before the first reading
+    # unit of `walk`, `offset` and `radius`: `uT`, or `counts` if the scale is unknown; None before the first reading
     unit: str | None
     target_deg: float  # target of the heading error
-    # s: time at which the error reaches the target without further updates; None if unknown, or beyond 10 years
+    # time at which the error reaches the target without further updates; None if unknown, or beyond 10 years
     good_until_s: float | None
-    good_until: str | None  # the same as a date (UTC)
+    good_until: str | None  # `good_until_s` as a date (UTC)
     is_locked: bool  # the calibration in force stays, despite newer estimates
-    readings: int  # since this program was started
-    events: dict[str, int]  # number of events since then, by code
+    readings: int  # number of readings since this program was started
+    events: dict[str, int]  # number of events since this program was started, by code
     not_understood: int  # lines of unknown format
     disconnections: int  # number of losses of the source
     is_connected: bool  # the source is present and sends readings
@@ -128,7 +128,7 @@ def date_of(seconds: float) -> str | None:
 
 
 def words_of(code: str) -> str:
-    """Sentence on an event."""
+    """Sentence on an event, from its code."""
     return {str(known): words for table in (WORDS, VERDICTS) for known, words in table.items()}[code]
 
 
@@ -139,7 +139,7 @@ def _json_value(value: Any) -> Any:  # noqa: ANN401 - JSON
 
 
 def _metric(name: str, kind: str, words: str, values: Mapping[str, float | None]) -> str:
-    """Lines of one metric, one a label."""
+    """Lines of one metric, one for each label."""
     full = f"flinders_{name}"
     rows = (f"{full}{labels} {_number(value)}\n" for labels, value in values.items())
     return f"# HELP {full} {words}\n# TYPE {full} {kind}\n{''.join(rows)}"

@@ -42,7 +42,7 @@ CIRCLES_S: Final = 240.0
 """Duration of two slow circles."""
 MOVE_UT: Final = 5.0
 MOVE_SHARE: Final = 4.0 / 7.0
-"""Share of the readings before the move."""
+"""Share of the readings that come before iron is moved."""
 STEEL_PER_DAY: Final = 1.5
 ROLL_DEG: Final = (4.0, 8.0)
 """Rolling in waves, root mean square: in calm and in rough water."""
@@ -59,19 +59,20 @@ Kind = Literal["circles", "steel", "moved", "off"]
 
 @dataclass(frozen=True, slots=True)
 class BoatEvent:
-    """An event on the boat."""
+    """An event in the simulated days of a boat."""
 
-    kind: Kind  # two circles; steel that passed; iron that was moved for good; switched off
-    begin_s: float  # s: from 1970
-    end_s: float  # s: from 1970
+    kind: Kind  # two circles, passing steel, iron moved for good, or instruments switched off
+    begin_s: float  # begin of the event, s from 1970
+    end_s: float  # end of the event, s from 1970
     size_ut: float  # µT: the largest change of the field at the compass; 0 without one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoatLife:
-    """Readings of some days, and the truth."""
+    """Simulated readings of a boat over some days, and the truth."""
 
-    simulated: Simulated  #: with the sensor of the end; `shift` is the earlier offset less that of the end
+    #: readings, with the sensor at the end of the simulation; `shift` is the offset of each less that at the end
+    simulated: Simulated
     events: tuple[BoatEvent, ...]  #: in the order of time
 
     def as_dict(self) -> dict[str, Any]:
@@ -156,7 +157,7 @@ def _nights(days: float) -> list[BoatEvent]:
 
 
 def _spells(rng: Generator, until_s: float) -> list[_Spell]:
-    """Activities of the boat up to a time."""
+    """List the activities of the boat up to a time, one after the other."""
     wind, heading = rng.uniform(-math.pi, math.pi, 2).tolist()
     spells: list[_Spell] = []
     for day in range(math.ceil(until_s / DAY_S)):
@@ -220,7 +221,7 @@ def _waves(rng: Generator, time: Floats, shortest_s: float, longest_s: float) ->
 
 
 def _shift(rng: Generator, time: Floats, is_at_sea: Floats) -> tuple[Floats, BoatEvent]:
-    """(n, 3) offset less that of the end, µT, and the event of its move."""
+    """(n, 3) offset at each reading less that at the end, µT, and the event in which it moved."""
     hours = np.arange(math.floor(time[0] / HOUR_S), math.ceil(time[-1] / HOUR_S) + 1.0)
     walk = np.cumsum(WALK_UT * rng.standard_normal((len(hours), 3)), axis=0)
     offset = np.stack([np.interp(time / HOUR_S, hours, axis) for axis in walk.T], axis=1)

@@ -36,7 +36,8 @@ if TYPE_CHECKING:
     from flinders.links.transports import ByteSource, StandardInput
 
 MIN_BATCH: Final = 40
-"""Readings in a batch; after a larger batch, the source is read again at once, before system buffers are full."""
+"""Largest number of readings in a small batch. After a larger one, the source is read again at once, before system
+buffers are full."""
 REST_S: Final = 0.1  # Pause after a small batch, so that later readings form one batch
 
 
@@ -119,18 +120,18 @@ class Source:
 
 
 def of_wire(wire: ByteSource, since: float | None, **reading: Any) -> Source:
-    """Return the source of a wire's lines, on the time of this machine; `reading` are arguments of `Recorder`."""
+    """Return the source of a wire's lines, timed by this machine's clock; `reading` are arguments of `Recorder`."""
     recorder = Recorder(wire, **reading)
     return Source(recorder, MachineClock(since), statistics=recorder.statistics, rests=True)
 
 
 def of_feed(feed: Feed, since: float | None, *, rests: bool = True) -> Source:
-    """Return the source of a live feed, such as a vehicle, on the time of this machine."""
+    """Return the source of a live feed, such as a vehicle, timed by this machine's clock."""
     return Source(feed, MachineClock(since), rests=rests)
 
 
 def of_pipe(pipe: StandardInput, since: float | None, **reading: Any) -> Source:
-    """Return the source of standard input, on the time of its lines, else on that of this machine."""
+    """Return the source of standard input; times are those of its lines, else the time of arrival."""
     recorder = Recorder(pipe, **reading)
     return _Piped(recorder, pipe, since)
 
@@ -158,7 +159,7 @@ def first_time(recording: Recording) -> float:
 
 
 class _Recordings:
-    """Recordings as a feed."""
+    """Feed that plays recordings, one after the other."""
 
     def __init__(self, dated: Sequence[tuple[Recording, float]]) -> None:
         self.name = ", ".join(recording.source for recording, _ in dated)
@@ -181,7 +182,7 @@ class _Recordings:
 
 
 class _Replayed(Source):
-    """Source of recordings, with their counts of lines left out."""
+    """Source of recordings, which counts the lines that their readers left out."""
 
     def __init__(self, feed: Feed, recordings: Sequence[Recording]) -> None:
         super().__init__(feed, RecordedClock())
@@ -194,7 +195,7 @@ class _Replayed(Source):
 
 
 class _Piped(Source):
-    """Source of standard input; the first reading decides on the clock."""
+    """Source of standard input; the first reading shows whether its lines have times."""
 
     def __init__(self, recorder: Recorder, pipe: StandardInput, since: float | None) -> None:
         self._machine = MachineClock(since)
@@ -226,7 +227,7 @@ def _timeless(name: str) -> UnreadableInput:
 
 
 def raw_unit(samples: Samples) -> Unit:
-    """Unit of the raw readings of a source; the unit of `Samples.field` if that has its own scale.
+    """Unit of the raw readings of a source; for a unit with a scale of its own, the unit of `Samples.field`.
 
     >>> from flinders import Samples
     >>> raw_unit(Samples.of([[1, 2, 3]], unit="mG")).name, raw_unit(Samples.of([[1, 2, 3]], scale=0.15)).name

@@ -50,9 +50,9 @@ STEPS_S: Final = (
 )
 """Possible steps of a time axis."""
 MIN_DISTANCE_PX: Final = 1.5
-"""Points of a line closer together than this are left out."""
+"""Smallest distance of two points of a line in pixels; nearer points are left out."""
 EVENT_ROW_PX: Final = 20.0
-"""Height of the row of events above the heading error."""
+"""Height in pixels of the row of events above the heading error."""
 MARKS: Final[dict[Code, str]] = {
     "adopted": "m0-4v8",
     "taken-back": "m0-4v8",
@@ -63,18 +63,18 @@ MARKS: Final[dict[Code, str]] = {
 }
 """Shapes of events, in ascending importance; of several at one time, the most important is drawn."""
 MAX_SIGMA_RATIO: Final = 4.0
-"""Points whose σ exceeds the median σ by this factor do not widen the axis."""
+"""Largest σ of a point that may widen the axis, in units of the median σ."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Size:
-    """Sizes of a drawing, pixels."""
+    """Sizes of a drawing, in pixels."""
 
     width: float
     left: float
     claim: float  # height of the heading error's panel
     offset: float  # height of each offset's panel
-    marks: int  # most marks of the time axis
+    marks: int  # largest number of marks on the time axis
 
 
 WIDE: Final = _Size(960.0, 50.0, 220.0, 84.0, 9)
@@ -83,7 +83,7 @@ NARROW: Final = _Size(350.0, 40.0, 190.0, 76.0, 4)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Points:
-    """Points as columns."""
+    """Points of a timeline, as columns."""
 
     time: Floats  # (n,) s
     error: Floats  # (n,) degrees
@@ -95,7 +95,7 @@ class _Points:
 
     @classmethod
     def of(cls, points: Sequence[OnlinePoint]) -> Self:
-        """Convert points to columns; values before an event hold until the event."""
+        """Convert points to columns; the values before an event hold up to the event, where they change in a step."""
         points = list(_with_steps(points))
         return cls(
             np.array([point.time_s for point in points]),
@@ -126,7 +126,7 @@ def timeline(
     name: str = "timeline",
     begin: float = -math.inf,
 ) -> str:
-    """Draw at least one point from a time on; `name` must be unique on the page."""
+    """Draw the points from the time `begin` on, but at least one; `name` has to be unique on the page."""
     size, drawn = WIDE if wide else NARROW, _Points.of(points)
     low, high = max(float(drawn.time[0]), begin), float(drawn.time[-1])
     across = Axis(low, max(high, low + 1.0))
@@ -160,7 +160,7 @@ def error_axis(error: Floats, bound: Floats, target_deg: float) -> Axis:
 
 
 def error_ticks(axis: Axis) -> list[tuple[float, str]]:
-    """Round numbers of a logarithmic axis.
+    """Ticks of a logarithmic axis, at round numbers.
 
     >>> [words for _, words in error_ticks(Axis(0.2, 20.0, np.log10))]
     ['0.2°', '0.5°', '1°', '2°', '5°', '10°', '20°']
@@ -172,7 +172,7 @@ def error_ticks(axis: Axis) -> list[tuple[float, str]]:
 
 
 def time_ticks(low: float, high: float, most: int) -> list[tuple[float, str]]:
-    """Round times of an axis: hours, and days at midnight (UTC) if the date is known.
+    """Ticks of a time axis, at round times; if the date is known, days begin at midnight (UTC).
 
     >>> time_ticks(1780272000.0, 1780272000.0 + 3 * 86400.0, 4)
     [(1780272000.0, '1 Jun'), (1780358400.0, '2 Jun'), (1780444800.0, '3 Jun'), (1780531200.0, '4 Jun')]
@@ -241,7 +241,7 @@ def _offset(plot: Plot, drawn: _Points, axis: int, unit: str, numbers: list[tupl
 
 
 def _offset_axes(drawn: _Points) -> list[Axis]:
-    """Axes of the three offsets with equal spans; uncertain points, as at the start, may lie outside."""
+    """Axes of the offset's three components, with equal spans; uncertain points, as at the start, may lie outside."""
     is_known = np.isfinite(drawn.offset).all(axis=1) & np.isfinite(drawn.sigma).all(axis=1)
     offset, sigma = drawn.offset[is_known], drawn.sigma[is_known]
     if not len(offset):
@@ -274,7 +274,7 @@ def _events(plots: Sequence[Plot], points: Sequence[OnlinePoint]) -> str:
 
 
 def _main_event(point: OnlinePoint) -> Code | None:
-    """Most important event of a point."""
+    """Most important event of a point in time; None without an event."""
     return next((code for code in reversed(MARKS) if code in point.events), None)
 
 

@@ -45,7 +45,7 @@ STATES: Final[dict[Doing, tuple[str, str]]] = {
         "The heading error includes the difference, and updates are suspended. Turn the vehicle to find the cause.",
     ),
 }
-"""Sentence on each state, and the action."""
+"""Title of each state, and what the user should do."""
 ADVICE: Final = {
     "good": "Headings are within the target of {target}.",
     "limited": "Headings are beyond the target of {target}: turn the vehicle, all the way round if it stays level.",
@@ -53,9 +53,9 @@ ADVICE: Final = {
     "all the way round if it stays level.",
 }
 SQUARE: Final = "m-3.5-3.5h7v7h-7z"
-"""Shape of a changed verdict."""
+"""SVG path of the mark of a changed verdict."""
 MAX_EVENTS: Final = 15
-"""Most events in the table."""
+"""Largest number of events in the table."""
 SPANS: Final[tuple[tuple[str, str, float], ...]] = (
     ("day", "Last 24 hours", DAY_S),
     ("week", "Last week", 7.0 * DAY_S),
@@ -66,7 +66,7 @@ SPANS: Final[tuple[tuple[str, str, float], ...]] = (
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """A note of the page."""
+    """A note on the page, with its severity."""
 
     severity: Severity
     title: str
@@ -167,7 +167,7 @@ def _number(value: float | None) -> float:
 
 
 def _numbers(report: Report, online: OnlineCalibration | None) -> list[tuple[str, str, str]]:
-    """Name, number and words of each quantity; empty without a calibration."""
+    """Numbers at the head of the page: name, number and words of each; empty without a calibration."""
     if online is None or report.doing == "learning":
         return []
     adopted = [event.time_s for event in online.history if event.code in {"adopted", "taken-back"}]
@@ -194,7 +194,7 @@ def _good_until(report: Report) -> tuple[str, str, str]:
 
 
 def _clock(seconds: float, words: str) -> tuple[str, str]:
-    """Time of day, and date with further words; without a known date, the time alone."""
+    """Two texts for a time: time of day, and date with further words; for a time without a date, only the time."""
     if seconds < MIN_EPOCH_S:
         return moment(seconds), words
     date = datetime.fromtimestamp(seconds, UTC)
@@ -220,7 +220,7 @@ def _notes(report: Report, troubles: Sequence[str], not_sent: str, *, is_last: b
 
 
 def _source(report: Report, online: OnlineCalibration | None, *, is_last: bool) -> list[tuple[str, str]]:
-    """Name and words of each fact on the source."""
+    """Facts on the source of the readings: name and words of each."""
     state = "no longer read" if is_last else "sends readings" if report.is_connected else "sends no readings"
     return [
         ("Source", report.source),

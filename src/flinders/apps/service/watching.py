@@ -51,19 +51,19 @@ if TYPE_CHECKING:
 
 WAIT_S: Final = 0.1  # Longest wait for readings, and so the delay to notice the end
 PERIOD_S: Final = 60.0
-MAX_BATCH: Final = 8192  # Most readings of one second to process together
+MAX_BATCH: Final = 8192  # Largest number of readings of one second to process together
 MAX_DELAY_S: Final = 2.0  # Longest time that readings wait for the end of their second
 MAX_SILENCE_S: Final = 10.0  # Time without a reading after which it is reported
-PAGE_S: Final = 2.0  # Least time between two pages, as a recording may have many events in it
-MAX_PAGE_REPORTS: Final = 30  # Most events of the source and changed verdicts on the page
+PAGE_S: Final = 2.0  # Shortest time between two versions of the page, as a recording may have many events in it
+MAX_PAGE_REPORTS: Final = 30  # Largest number of events of the source and changed verdicts on the page
 
 
 @dataclass(frozen=True, slots=True)
 class InitialSettings:
     """Settings of a new calibration.
 
-    ``start``, ``axes``, ``target_deg``, ``dip_deg`` and ``walk`` are as for `OnlineCalibration`, the walk in
-    ``walk_unit``, if known; the calibration has the unit and frame of the first reading.
+    ``start``, ``axes``, ``target_deg``, ``dip_deg`` and ``walk`` are as for `OnlineCalibration`; ``walk_unit`` is the
+    unit of the walk, if known. The calibration has the unit and frame of the first reading.
     """
 
     start: Fit | None = None
@@ -111,12 +111,12 @@ class Watch:
     ----------
     source : Source
     calibration : OnlineCalibration or InitialSettings
-        To continue, or settings to begin with the first reading.
+        The calibration to continue, or settings of a new one, which begins with the first reading.
     files : Files
     every : float, s
         Period of writing files and reporting the state, by the readings' time.
     is_locked : bool
-        The calibration in force stays.
+        Whether the calibration in force stays, despite newer estimates.
     handover, publisher : Handover and Publisher, optional
         Sender of calibrations that come into force; publisher of corrected readings.
     tell : callable
@@ -149,7 +149,7 @@ class Watch:
         self._online = calibration if isinstance(calibration, OnlineCalibration) else None
         self._is_locked, self._tell, self._say, self._stopped, self._clock = is_locked, tell, say, stopped, clock
         self._unit, since = unit_of(calibration or self._begun), since_of(calibration or self._begun)
-        self._since = -math.inf if since is None else since  # readings until then were processed before
+        self._since = -math.inf if since is None else since  # readings up to this time were processed by an earlier run
         if self._online is not None:
             self._online.is_locked = is_locked
         self._field, self._time = np.empty((0, 3)), np.empty(0)
@@ -209,13 +209,13 @@ class Watch:
 
     @property
     def failure(self) -> OutputError | None:
-        """Error if the state or the calibration is not on the disk."""
+        """Error because of which the state or the calibration is not on the disk; None if both are."""
         return self._state.failure or self._calibration.failure
 
     def report(
         self, kind: Kind = "state", event: str | None = None, words: str | None = None, *, now: float | None = None
     ) -> Report:
-        """Return the report at a time, by default now."""
+        """Make a report on the state at a time, by default now."""
         now = self._now() if now is None else now
         online = self._online
         state = self._state_at(now)
@@ -311,7 +311,7 @@ class Watch:
         self._learn_to(ends)
 
     def _learn_to(self, ends: list[int]) -> None:
-        """Process waiting readings, in pieces with these ends."""
+        """Process waiting readings, in pieces that end at the indices `ends`."""
         for start, end in zip([0, *ends], ends, strict=False):
             self._learn_piece(slice(start, end))
         if ends:
@@ -475,7 +475,7 @@ class Watch:
         self._tell_and_keep(self.report("source", event, words))
 
     def _tell_and_keep(self, report: Report) -> None:
-        """Report an event that is not in the calibration's history, and store it for the page."""
+        """Report an event that is not in the calibration's history, and store the report for the page."""
         self._told.append(report)
         self._is_page_due = True
         self._tell(report)
@@ -496,6 +496,6 @@ def frame_in(calibration: OnlineCalibration | InitialSettings) -> str | None:
 
 
 def since_of(calibration: OnlineCalibration | InitialSettings) -> float | None:
-    """Time of the last reading of a continued calibration; None for a new one."""
+    """Time of the last reading of a calibration to continue; None for a new calibration."""
     reached = calibration.time_s if isinstance(calibration, OnlineCalibration) else math.nan
     return reached if math.isfinite(reached) else None

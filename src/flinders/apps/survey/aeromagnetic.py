@@ -154,7 +154,7 @@ def _flight(source: AnyReadings) -> Samples:
 
 
 def as_dict(fit: TollesLawson) -> dict[str, Any]:
-    """JSON-ready contents of the file."""
+    """JSON-ready contents of the file of coefficients."""
     each = zip(NAMES, fit.coefficients.tolist(), fit.sigma.tolist(), strict=True)
     document = CoefficientFile(
         coefficients={name: Coefficient(value, sigma) for name, value, sigma in each},
@@ -183,7 +183,7 @@ FILE_FIELDS: Final = (
 
 
 def dumps(fit: TollesLawson) -> str:
-    """Text of a file of coefficients, which is read back exactly; raises `UsageError` for numbers not finite."""
+    """Write coefficients as the text of a file, which is read back exactly; `UsageError` for NaN or infinity."""
     content = as_dict(fit)
     for place in nonfinite_places(content):
         raise UsageError(f"coefficients: {place} is not finite: only finite numbers are written")

@@ -4,10 +4,9 @@ Shots in the same direction, rolled about the laser, determine the pointing axis
 gains, axes and offsets of both sensors and the rotation between them (`flinders.likelihood.pointing`, solved by
 `flinders.likelihood.solver`). A shot that contradicts the others is left out, and marked to be repeated.
 
-When to use it: an instrument with both sensors and a laser, away from iron, 24 shots or more, four to a direction. A
-jig that rolls about another axis than the laser's causes an error that the fit cannot detect (M. Perne, Acta
-Carsologica). If both sensors are left-handed in the same way, the azimuth runs backwards, which the fit cannot detect
-either.
+Use it for an instrument with both sensors and a laser, away from iron, with 24 shots or more, four in each direction.
+The fit cannot detect a jig that rolls about another axis than the laser's (M. Perne, Acta Carsologica). Nor can it
+detect that both sensors are left-handed in the same way; then the azimuth runs backwards.
 
 Source: B. Heeb, *A General Calibration Algorithm for 3-Axis Compass/Clinometer Devices*, CREG Journal 73 (2009).
 
@@ -75,7 +74,7 @@ MAX_EXCLUDED_SHARE: Final = 0.2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShotErrors:
-    """Angles of shots, and the angle of each from the mean of its direction."""
+    """Angles of shots, and the error of each: its angle from the mean of the shots in the same direction."""
 
     numbers: tuple[int, ...]  #: numbers of the shots in their file
     groups: NDArray[np.intp]  #: (N,) group of each shot: one for each direction
@@ -103,7 +102,7 @@ class ShotErrors:
         return float(np.sqrt(np.mean(known**2))) if len(known) else float("nan")
 
     def as_dict(self) -> list[dict[str, Any]]:
-        """JSON-ready, a row for each shot."""
+        """JSON-ready list with a row for each shot."""
         columns = (self.numbers, self.groups.tolist(), *self.angles, self.error_deg, self.excluded)
         names = ("shot", "direction", "azimuth_deg", "inclination_deg", "roll_deg", "error_deg", "excluded")
         plain = [column if isinstance(column, tuple | list) else column.tolist() for column in columns]
@@ -183,7 +182,7 @@ def fit_survey(shots: Shots, *, target_deg: float = TARGET_DEG, non_linear: bool
     shots : Shots
         Without groups, a shot within 20° of the previous one is assumed to be in the same direction.
     target_deg : float, optional
-        The worst error of azimuth and inclination that is good.
+        Worst error of azimuth and inclination that is good enough.
     non_linear : bool
         Also fit a quadratic term of each axis of the accelerometer: g + q g² replaces g.
 
@@ -225,7 +224,7 @@ def fit_survey(shots: Shots, *, target_deg: float = TARGET_DEG, non_linear: bool
 
 
 def check_shots(shots: Shots, calibration: SurveyCalibration) -> ShotErrors:
-    """Check shots with a calibration: the angles between shots in the same direction."""
+    """Check shots with a calibration: compute the angle of each from the mean of the shots in the same direction."""
     angles = calibration.angles(shots.magnetic, shots.gravity)
     groups = _group_directions(_directions(angles)) if shots.groups is None else shots.groups
     return ShotErrors.of(calibration, shots, groups, np.zeros(len(shots), bool))
@@ -259,7 +258,7 @@ def _refuse_count(count: int) -> None:
 
 
 def _start(magnetic: Floats, gravity: Floats) -> SurveyParameters:
-    """Start of the iteration; raises FitError if the sensors or their axes do not fit the model at all."""
+    """Parameters at which the iteration starts; raises FitError if the readings do not fit the model at all."""
     try:
         start = start_parameters(magnetic, gravity)
     except np.linalg.LinAlgError:
@@ -307,7 +306,7 @@ def _refuse_other_axis(at: SurveyParameters, pointing: str) -> None:
 def _fit_without_contradicting(
     magnetic: Floats, gravity: Floats, groups: NDArray[np.intp], *, is_quadratic: bool
 ) -> tuple[SurveyProblem, SurveyIterate, NDArray[np.bool_]]:
-    """Fit, and repeat without the shot that contradicts the others most, until none does."""
+    """Fit; leave out the shot that contradicts the others most, and repeat, until no shot contradicts them."""
     excluded = np.zeros(len(groups), bool)
     while True:
         counts = np.flatnonzero(~excluded)
@@ -324,7 +323,7 @@ def _fit_without_contradicting(
 def _covariance(problem: SurveyProblem, iterate: SurveyIterate) -> Floats:
     """(24, 24) covariance of the instrument's parameters, or (27, 27) with quadratic terms.
 
-    Each kind of residual is widened for its number of readings, unless its standard deviation is the smallest possible.
+    The variance of each kind of residual is widened for its number of readings, unless it is at its lower bound.
     """
     influence, own = Influence.of(problem, iterate), problem.layout.instrument
     is_least = iterate.weights <= min_sigmas(iterate.at)
@@ -351,7 +350,7 @@ def _calibration(at: SurveyParameters, shots: Shots) -> SurveyCalibration:
 def _findings(
     errors: ShotErrors, azimuth: PointingError, inclination: PointingError, target_deg: float
 ) -> tuple[Finding, ...]:
-    """Findings that limit the calibration."""
+    """Findings that limit the use of the calibration: contradicting shots, and errors beyond the target."""
     worst = max(azimuth.worst, inclination.worst)
     numbers = {
         "pointing_deg": worst,

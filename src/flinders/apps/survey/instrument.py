@@ -64,7 +64,7 @@ def pointing_angles(field: Floats, down: Floats) -> Angles:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurveyCalibration:
-    """Calibrations of both sensors into right-handed axes of the instrument, one of which is the axis of the laser."""
+    """Corrections of both sensors into right-handed axes of the instrument, one of which is the axis of the laser."""
 
     magnetometer: Calibration
     accelerometer: Calibration  #: correction of readings that point down
@@ -74,14 +74,14 @@ class SurveyCalibration:
 
     @classmethod
     def identity(cls, pointing: Pointing = "x") -> Self:
-        """Calibration of an instrument without errors."""
+        """Return the calibration of an instrument without errors."""
         return cls(Calibration.identity(), Calibration.identity(), pointing)
 
     def angles(self, magnetic: ArrayLike, gravity: ArrayLike) -> Angles:
         """Azimuth from magnetic north, inclination and roll, from (N, 3) readings in mapped axes.
 
-        The roll is positive to the right. It is zero if z points down for a laser along x, if z points up for one along
-        y, and if y points down for one along z.
+        The roll is positive to the right. Zero roll depends on the axis of the laser: z points down for a laser along
+        x, z points up for a laser along y, and y points down for a laser along z.
         """
         axes = FORWARD_RIGHT_DOWN[self.pointing]
         readings = to_floats(gravity)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from flinders.apps.survey.tolles_lawson_fit import CompensationResidual, TollesLawson
 
 MAX_USEFUL_SHARE: Final = 0.9
-"""Largest ratio of the azimuth error after more shots to that before, for which these shots are proposed."""
+"""Largest ratio of the azimuth error after more shots to the error before, for which the shots are proposed."""
 
 
 def of_survey(fit: SurveyFit) -> RenderableType:
@@ -84,7 +84,7 @@ def _verdict(fit: SurveyFit) -> RenderableType:
 
 
 def _next(fit: SurveyFit) -> RenderableType | None:
-    """Table of directions in which more shots would help; None if they would hardly help."""
+    """Table of directions in which more shots would help; None if there is no such direction."""
     useful = [
         (f"azimuth {each.azimuth_deg:.0f}°, inclination {each.inclination_deg:+.0f}°", degrees(each.azimuth_error_deg))
         for each in fit.next_directions

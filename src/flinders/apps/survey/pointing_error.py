@@ -33,10 +33,10 @@ RELATIVE_STEP: Final = 1e-6
 
 
 class PointingError(NamedTuple):
-    """Error of an angle in degrees, 1 σ."""
+    """Error of an angle in degrees, 1 σ, for shots within 30° of level."""
 
-    rms: float  #: over azimuths, rolls and inclinations within 30°
-    worst: float  #: largest of these
+    rms: float  #: rms over all azimuths, rolls and inclinations
+    worst: float  #: at the worst azimuth, roll and inclination
 
 
 class NextDirection(NamedTuple):
@@ -98,7 +98,7 @@ def pointing_errors(gradients: Floats, covariance: Floats) -> tuple[PointingErro
 def next_directions(
     at: SurveyParameters, covariance: Floats, noises: Floats, *, gravity: float = 0.0
 ) -> tuple[NextDirection, ...]:
-    """Directions of the procedure to shoot next, chosen one after the other by the expected errors after each.
+    """Directions of the procedure to shoot next, each chosen for the smallest expected errors after it.
 
     Parameters
     ----------

@@ -60,9 +60,9 @@ def read_shots(
     Parameters
     ----------
     axes : str
-        Axes of the magnetometer that are x, y and z of the instrument, right-handed, such as ``x,y,-z``.
+        Axes of the magnetometer that point along x, y and z of the right-handed instrument, such as ``x,y,-z``.
     acceleration_axes : str, optional
-        Axes of the accelerometer that are x, y and z of the instrument; by default as `axes`.
+        Axes of the accelerometer that point along x, y and z of the instrument; by default as `axes`.
     pointing : str, optional
         Axis of the laser, x, y or z; by default y for files of mag-cal, else x.
 
@@ -80,7 +80,7 @@ def read_shots(
 
 
 def _read_table(path: str | os.PathLike[str]) -> Samples:
-    """Read a recording; an error with hints about options that shots do not have is replaced."""
+    """Read a recording; an error is replaced if its hints name options that shots do not have."""
     try:
         return read(path)
     except (NoMagnetometer, UnreadableInput) as error:
@@ -124,7 +124,7 @@ def _of_json(name: str, text: str, turned: tuple[Axes, Axes], pointing: Pointing
 
 
 def _of_topodroid(name: str, text: str, turned: tuple[Axes, Axes], pointing: Pointing) -> Shots:
-    """Shots from lines of TopoDroid, without deleted ones and, if there are groups, without those of no group."""
+    """Shots from lines of TopoDroid, without deleted ones; if there are groups, also without shots of no group."""
     lines = [(at, line) for at, line in enumerate(text.splitlines(), 1) if _is_shot(line)]
     rows = np.array([_numbers(name, at, line) for at, line in lines])
     if not len(rows):

@@ -40,25 +40,25 @@ AMPLITUDES_DEG: Final = {"roll": 10.0, "pitch": 5.0, "yaw": 5.0}
 """Amplitudes of the manoeuvres of a figure of merit, in their order."""
 
 PERIOD_S: Final = (4.0, 5.0)
-"""Shortest and longest period of a manoeuvre."""
+"""Shortest and longest period of a manoeuvre, in s."""
 
 CYCLES: Final = 3
 """Number of cycles of a manoeuvre."""
 
 LEVEL_S: Final = 6.0
-"""Duration of level flight before each manoeuvre and at the end of a line."""
+"""Duration of level flight before each manoeuvre and at the end of a line, in s."""
 
 TURN_DEG_S: Final = 3.0
-"""Rate of turns: the standard rate."""
+"""Rate of turns in °/s: the standard rate."""
 
 SMOOTHING_S: Final = 1.0
-"""Length of the window that smooths attitudes."""
+"""Length in s of the window that smooths attitudes."""
 
 SPEED_M_S: Final = 60.0
-"""Speed, which determines the bank in a turn."""
+"""Speed in m/s, which determines the bank in a turn."""
 
 ATTITUDE_NOISE_DEG: Final = 0.5
-"""Root mean square of unintended roll, pitch and change of heading."""
+"""Root mean square of unintended roll, pitch and change of heading, in degrees."""
 
 PERMANENT_NT: Final = 100.0
 INDUCED_NT: Final = 100.0
@@ -69,7 +69,7 @@ A fit to line 1007.06 of the survey aircraft of the DAF-MIT flight data has 52, 
 """
 
 EDDY_S: Final = 1e-3
-"""Root mean square of an eddy-current coefficient; an assumption without a source: 10 nT in a roll of ±10°."""
+"""Root mean square of an eddy-current coefficient in s. It is assumed, without a source: 10 nT in a roll of ±10°."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -158,8 +158,8 @@ def calibration_flight(
     manoeuvres : sequence of str
         Any of ``roll``, ``pitch`` and ``yaw``.
     scalar_noise, geology : float, µT
-        White noise of the scalar magnetometer, and root mean square of the slow change of the field along the lines,
-        with a correlation time of 20 s.
+        White noise of the scalar magnetometer, 1 σ; and root mean square of the field of the ground along the flight
+        path, which changes slowly, with a correlation time of 20 s.
     vector : Sensor, optional
         The vector magnetometer, by default one of `fluxgate`.
     """
@@ -208,7 +208,7 @@ def _flight_path(
 
 
 def _smooth_corners(angles: Floats, rate_hz: float) -> Floats:
-    """(N, 3) angles smoothed over a second, since no aircraft flies corners."""
+    """(N, 3) angles smoothed over a second, since an aircraft cannot change its rates at once."""
     half = max(round(SMOOTHING_S * rate_hz / 2.0), 1)
     weights = np.hanning(2 * half + 3)[1:-1]
     padded = np.pad(angles, ((half, half), (0, 0)), mode="edge")

@@ -29,12 +29,12 @@ MAX_OFFSET: Final = 0.1
 """Largest offset of an axis, as a share of the field and of gravity."""
 
 HAND_ERROR_DEG: Final = 5.0
-"""Error of roll and direction of an instrument that is held by hand, 1 σ."""
+"""Error of roll and direction of an instrument that is held by hand, 1 σ in degrees."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SimulatedSurvey:
-    """Shots with their truth."""
+    """Simulated shots, with the true angles and sensors."""
 
     shots: Shots
     angles: Angles  #: true angles of each shot
@@ -102,7 +102,7 @@ def true_angles(attitudes: Floats) -> Angles:
 
 
 def _sensor(rng: Generator, gain: float, lean: float, noise: float) -> Sensor:
-    """A sensor with wrong gains and axes, and an offset."""
+    """Draw a sensor with wrong gains and axes, and an offset."""
     gains = np.diag(rng.uniform(-gain, gain, 3))
     leaning = rng.uniform(-lean, lean, (3, 3)) * (1.0 - np.eye(3))
     return Sensor(np.eye(3) + gains + leaning, rng.uniform(-MAX_OFFSET, MAX_OFFSET, 3), noise)

@@ -5,9 +5,11 @@ first: an offset B in 1/24000 and three factors of A in 1/16384, so that for rea
 
     corrected = A h + B,        h = g / 24000,        |corrected| = 1
 
-For gravity, h + N (h² − ½) replaces h, axis by axis. Bytes 48 to 50 hold N in 1/2796, signed and less one, so that 0xff
-is zero; the last byte is 0xff. mag-cal corrects rows of readings r, mapped by ``axes``, as ``(r − centre) transform``.
-The results of both sensors have length 1, and the laser is along y.
+For gravity, h + N (h² − ½) replaces h, axis by axis. Bytes 48 to 50 hold N in units of 1/2796 as signed numbers less
+one, so that 0xff stands for zero. The last byte is 0xff.
+
+mag-cal corrects rows of readings r, mapped by ``axes``, as ``(r − centre) transform``. Corrected readings of both
+sensors have length 1, and the laser is along y.
 
 >>> coefficients = distox_coefficients(SurveyCalibration.identity())
 >>> len(coefficients), coefficients[:4].hex(), coefficients[48:].hex()
@@ -36,13 +38,13 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 TARGETS: Final = ()
-"""No targets, as these formats are not for the calibration of one sensor."""
+"""Empty: these formats are for survey instruments, and `flinders export` writes the calibration of one sensor."""
 
 OFFSET_STEPS, FACTOR_STEPS, QUADRATIC_STEPS = 24000.0, 16384.0, 2796.0
 MAX_INT16: Final = 32767
 """Largest signed 16-bit number."""
 MAX_QUADRATIC: Final = 127
-"""Largest quadratic term, in steps."""
+"""Largest quadratic term, in steps of 1/2796."""
 
 STEPS: Final = np.array([OFFSET_STEPS, FACTOR_STEPS, FACTOR_STEPS, FACTOR_STEPS])
 """Steps per unit of B and the three factors of A in a row."""
@@ -124,7 +126,7 @@ def of_mag_cal(text: str | bytes) -> SurveyCalibration:
 
 
 def _unit(sensor: Calibration) -> Floats:
-    """(3, 4) B and A of a sensor."""
+    """(3, 4) coefficients of a sensor: column B, then the columns of A."""
     unit = sensor.matrix / sensor.field_strength
     return np.column_stack([-unit @ sensor.offset, unit * OFFSET_STEPS])
 
@@ -137,7 +139,7 @@ def _words(rows: Floats) -> bytes:
 
 
 def _of_rows(rows: Floats) -> Calibration:
-    """Calibration of a sensor from (3, 4) numbers; corrected readings have a length of about 1."""
+    """Calibration of a sensor from its (3, 4) coefficients; corrected readings have a length of about 1."""
     matrix = rows[:, 1:] / OFFSET_STEPS
     if not np.linalg.det(matrix):
         raise DocumentError("the coefficients are zeros: the DistoX was never calibrated; calibrate it first")

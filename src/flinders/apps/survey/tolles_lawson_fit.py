@@ -7,16 +7,17 @@ aircraft adds
     Σ pᵢ uᵢ + B/50 µT (Σ aᵢⱼ uᵢ uⱼ + Σ eᵢⱼ uᵢ u̇ⱼ)
 
 p is the permanent field, a the induced and e the eddy-current part. Σ uᵢ² is 1 and Σ uᵢ u̇ᵢ is 0, so that azz and ezz
-cannot be observed and are zero here: 3 + 5 + 8 terms. The second order is that of [3]_, with eddy currents that follow
-the field of the earth and not the total field.
+cannot be observed and are zero here: 3 + 5 + 8 terms. Terms of second order in the aircraft's field are those of [3]_;
+eddy currents follow the field of the earth, not the total field.
 
-u is the reading of the vector magnetometer divided by B, not by its own length: an error of its axes or gains is then a
+u is the reading of the vector magnetometer divided by B, not by its own length. An error of its axes or gains is then a
 linear map of u, which the terms absorb, and the division adds no variation with attitude.
 
-Both sides are compared between 0.1 and 0.9 Hz, the band of manoeuvres, which hardly contains the field of the ground
-below. Runs without gaps are detrended and transformed into cosines, and the cosines of the band are the equations [4]_.
-Noise of any colour is independent there, so that the covariance needs no model of the noise. A ridge in units of the
-spread of each term, chosen by cross-validation over half minutes, constrains terms that the manoeuvres hardly excite.
+Model and readings are compared between 0.1 and 0.9 Hz, the band of manoeuvres, which hardly contains the field of the
+ground below. Each run without gaps is detrended and transformed by a discrete cosine transform. The cosines of the band
+are the equations [4]_: noise of any colour is independent between them, so that the covariance needs no model of the
+noise. A ridge constrains terms that the manoeuvres hardly excite. It is relative to the spread of each term, and chosen
+by cross-validation over half minutes.
 
 >>> from flinders.apps.survey.simulate_aircraft import calibration_flight
 >>> flight = calibration_flight(seed=1)
@@ -55,10 +56,10 @@ if TYPE_CHECKING:
     from flinders.core.samples import Samples
 
 MIN_DURATION_S: Final = 90.0
-"""Smallest duration of all runs, that of a quick flight on two headings."""
+"""Smallest duration of all runs together in s, that of a quick flight on two headings."""
 
 FOLD_S: Final = 30.0
-"""Length of the parts for cross-validation."""
+"""Length of the parts for cross-validation, in s."""
 FOLDS: Final = 5
 """Number of folds of cross-validation."""
 
@@ -66,7 +67,7 @@ RIDGES: Final = np.logspace(-8.0, 0.0, 17)
 """Ridges that are tried, as shares of the sum of squares of each term."""
 
 NO_RIDGE: Final = 1e-12
-"""Ridge that only regularises rounding."""
+"""Ridge that only suppresses rounding errors."""
 
 MIN_IMPROVEMENT: Final = 1.2
 """Smallest improvement ratio of a useful compensation."""
@@ -75,7 +76,8 @@ MAX_UNCERTAINTY: Final = 0.25
 """Largest uncertainty of an observed term, as a share of the standard deviation before compensation."""
 
 ROUNDS: Final = 2
-"""Iterations for the second order, which is a hundredth of the first if the aircraft has 1 % of the earth's field."""
+"""Iterations for terms of second order. They are a hundredth of the first order if the aircraft has 1 % of the earth's
+field."""
 
 HEADINGS: Final = 8
 """Number of headings to which the manoeuvres are rotated, for the uncertainty on any heading."""
@@ -89,10 +91,10 @@ class TollesLawson(Value):
 
     coefficients: Floats  #: (16,) coefficients of the terms
     covariance: Floats  #: (16, 16) covariance of the coefficients
-    ridge: float  #: share of the sum of squares of each term
+    ridge: float  #: ridge, as a share of the sum of squares of each term
     before: float  #: nT: standard deviation of the recorded strength
     after: float  #: nT: residual from noise and ground alone, with exact coefficients
-    cross_validated: float  #: nT: residual of each fifth of the half minutes with coefficients of the others
+    cross_validated: float  #: nT: residual of each fifth of the half minutes, with coefficients from the other fifths
     as_flown: float  #: nT, 1 σ: uncertainty of the compensation in manoeuvres as flown
     on_any_heading: float  #: nT, 1 σ: uncertainty of the compensation in these manoeuvres on all headings
     unobserved: tuple[str, ...] = ()  #: names of the terms that the manoeuvres do not determine
@@ -111,12 +113,12 @@ class TollesLawson(Value):
 
     @property
     def improvement(self) -> float:
-        """Improvement ratio: standard deviation before over that of held-out half minutes after."""
+        """Improvement ratio: standard deviation without compensation over that of compensated held-out half minutes."""
         return self.before / self.cross_validated
 
     @property
     def verdict(self) -> Quality:
-        """``refused`` if terms are unobserved, ``limited`` by `limits`, else ``good``."""
+        """``refused`` if terms are unobserved, ``limited`` if there are `limits`, else ``good``."""
         return "refused" if self.unobserved else "limited" if self.limits else "good"
 
     @property
@@ -197,7 +199,7 @@ class Equations:
 
     @classmethod
     def of(cls, runs: Sequence[Signal], coefficients: Floats | None = None) -> Self:
-        """Equations of some runs; with coefficients, their second order is subtracted."""
+        """Equations of some runs; if coefficients are given, terms of second order are subtracted."""
         return cls(runs, tuple(run.band_cosines(coefficients) for run in runs))
 
     @property
@@ -207,12 +209,12 @@ class Equations:
 
     @property
     def terms(self) -> Floats:
-        """(M, 16) terms of all runs."""
+        """(M, 16) cosines of the terms, of all runs."""
         return np.concatenate(self.cosines)[:, :-1]
 
     @property
     def values(self) -> Floats:
-        """(M,) strength of all runs, nT."""
+        """(M,) cosines of the strength, of all runs, nT."""
         return np.concatenate(self.cosines)[:, -1]
 
     @property
@@ -232,14 +234,14 @@ class Equations:
         return coefficients
 
     def products(self) -> Floats:
-        """(`FOLDS`, 17, 17) sums of products of terms and strength in time, for each fold of half minutes."""
+        """(`FOLDS`, 17, 17) sums over time of products of terms and strength, for each fold of half minutes."""
         passed = np.concatenate([run.to_time(cosines) for run, cosines in zip(self.runs, self.cosines, strict=True)])
         fold = np.concatenate([(run.time - run.time[0]) // FOLD_S % FOLDS for run in self.runs])
         return np.stack([passed[fold == each].T @ passed[fold == each] for each in range(FOLDS)])
 
 
 def _held_out_squares(products: Floats, ridge: float) -> float:
-    """Sum of squares in nT² over folds, each compensated with the coefficients of the others."""
+    """Sum of squares in nT² over all folds, each compensated with coefficients from the other folds."""
     others = np.sum(products, axis=0) - products
     left = 0.0
     for own, other in zip(products, others, strict=True):
@@ -264,8 +266,8 @@ def fit_coefficients(samples: Samples) -> TollesLawson:
     different size at each frequency [5]_, and includes the shrinkage by the ridge.
 
     Use it for rolls, pitches and yaws of some degrees on four headings, high above the ground, if the aircraft adds 2 %
-    of the field or less; with a more magnetic aircraft, calibrate the vector magnetometer first. The effect of second
-    order, from the aircraft's field across that of the earth, is subtracted.
+    of the field or less; with a more magnetic aircraft, calibrate the vector magnetometer first. The effect of the
+    aircraft's field across that of the earth is of second order, and is subtracted.
 
     Raises `InputError` or `UnitError` without time, for counts, or for magnetometers in different units; `FitError` for
     less than 90 s of usable readings, fewer than four a second, or a magnetometer that does not work.
@@ -319,7 +321,7 @@ def _all_headings(gram: Floats) -> Floats:
 
 
 def _first_order(recorded: Equations) -> Equations:
-    """Equations without the second order of the aircraft's field, which is calculated from the coefficients."""
+    """Equations from which terms of second order are subtracted, with coefficients that are found by iteration."""
     equations = recorded
     for _ in range(ROUNDS):
         equations = Equations.of(recorded.runs, equations.fit(RIDGES[0]))

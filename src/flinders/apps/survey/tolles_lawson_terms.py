@@ -37,13 +37,13 @@ NORMAL_FIELD: Final = 50.0
 """Field strength in µT for which induced and eddy coefficients are stated."""
 
 BAND_HZ: Final = (0.1, 0.9)
-"""Band of manoeuvres."""
+"""Band of frequencies of the manoeuvres, in Hz."""
 
 MIN_RUN_S: Final = 15.0
-"""Smallest duration of a run without gaps that is used."""
+"""Smallest duration in s of a run without gaps that is used."""
 
 MAX_GAP_S: Final = 1.0
-"""Largest interval between readings of a run."""
+"""Largest interval in s between readings of a run."""
 
 MIN_RATE_HZ: Final = 4.0
 """Smallest rate of readings: twice the upper end of the band and a margin."""
@@ -143,11 +143,11 @@ class Signal:
         return float(self.time[-1] - self.time[0])
 
     def terms(self) -> Floats:
-        """(N, 16) terms, which the coefficients multiply."""
+        """(N, 16) terms of the model, one for each coefficient."""
         return self._terms(self.directions)
 
     def _terms(self, u: Floats) -> Floats:
-        """(N, 16) terms for (N, 3) direction cosines."""
+        """(N, 16) terms of the model for (N, 3) direction cosines."""
         change = np.gradient(u, self.time, axis=0)
         (first, second), (across, along) = _places(INDUCED), _places(EDDY)
         products = np.hstack([u[:, first] * u[:, second], u[:, across] * change[:, along]])
@@ -156,7 +156,7 @@ class Signal:
     def band_cosines(self, coefficients: Floats | None = None) -> Floats:
         """(M, 17) cosines within the band, of the terms and of the strength in nT.
 
-        With coefficients, the second order of the aircraft's field is subtracted from the strength.
+        If coefficients are given, terms of second order in the aircraft's field are subtracted from the strength.
         """
         second = 0.0 if coefficients is None else self.second_order(coefficients)
         return self.filter_band(np.column_stack([self.terms(), 1000.0 * self.strength - second]))
@@ -167,10 +167,10 @@ class Signal:
         return linear + self.second_order(coefficients)
 
     def second_order(self, coefficients: Floats) -> Floats:
-        """(N,) nonlinear part of the interference, in nT.
+        """(N,) part of the interference of second order in the aircraft's field, in nT.
 
-        The aircraft's field across the earth's field B lengthens it by the square over 2 B. Eddy currents follow the
-        change of the earth's field, which differs from that of the total field.
+        A component a of the aircraft's field across the earth's field B lengthens the total field by a²/(2 B). Eddy
+        currents follow the change of the earth's field, which differs from that of the total field.
         """
         unit = self.directions / np.linalg.norm(self.directions, axis=1, keepdims=True)
         total = 1000.0 * self.strength[:, np.newaxis]
@@ -187,7 +187,7 @@ class Signal:
         return field
 
     def filter_band(self, columns: Floats) -> Floats:
-        """(M, ...) cosines within the band of (N, ...) columns, each without its straight line."""
+        """(M, ...) cosines within the band, of (N, ...) columns from which a straight line is removed."""
         n = len(self)
         even = np.linspace(self.time[0], self.time[-1], n)
         columns = np.apply_along_axis(lambda column: np.interp(even, self.time, column), 0, columns)
@@ -245,7 +245,7 @@ def as_coefficients(permanent: Floats, induced: Floats, eddy: Floats) -> Floats:
 
 
 def rotation_map(angle: float) -> Floats:
-    """(16, 16) map to coefficients of an aircraft from those of the same aircraft turned about z by `angle`, rad.
+    """(16, 16) matrix from the coefficients of an aircraft turned about z by `angle` (rad) to those before the turn.
 
     >>> bool(np.allclose(rotation_map(0.3) @ rotation_map(-0.3), np.eye(16)))
     True

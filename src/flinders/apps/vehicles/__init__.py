@@ -3,7 +3,7 @@
 For users of ArduPilot, PX4, Betaflight, INAV, Paparazzi or ROS.
 
 - ``readers``: logs of ArduPilot, PX4 and MAVLink, bags of ROS, each with the calibration in force
-- ``targets``: parameters of each autopilot, with the mounting of the compass as its number
+- ``targets``: parameters of each autopilot, with the mounting of the compass in the autopilot's numbering
 - `mavlink`, `mavlink_parameters`, `telemetry`: a vehicle on a link: parameters, and a feed of its compass
 - ``ros2``: topics of ROS 2 over DDS, read and published, and a node for ROS
 - `sending`: packet or parameter plan of a calibration; ``cli``: the commands

@@ -51,10 +51,10 @@ LISTEN_S: Final = 1.5  # Time to listen for further vehicles on the same link
 SILENT_S: Final = 5.0  # Time without a heartbeat after which the link counts as lost
 ANSWER_S: Final = 0.8
 TRIES: Final = 10
-"""Most requests for one answer: with 30 % of packets lost each way, one in a thousand stays unanswered."""
-MAX_OTHER_ANSWERS: Final = 4  # Answers with another value, after which the vehicle counts as keeping that value
+"""Largest number of requests for one answer. With 30 % of packets lost each way, one in a thousand is unanswered."""
+MAX_OTHER_ANSWERS: Final = 4  # Number of answers with another value, after which the vehicle keeps that value
 REOPEN_S: Final = 0.2  # Time between attempts to reopen a lost link
-MAX_BACKLOG: Final = 1000  # Most datagrams to process before a parameter is set
+MAX_BACKLOG: Final = 1000  # Largest number of datagrams to process before a parameter is set
 KINDS: Final = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
 """MAV_PARAM_TYPE of whole numbers, as `struct` packs them."""
 REAL32: Final = 9
@@ -62,7 +62,7 @@ REAL32: Final = 9
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A parameter as a vehicle holds it; `kind` is its MAV_PARAM_TYPE."""
+    """A parameter of a vehicle: name, value, and `kind`, its MAV_PARAM_TYPE."""
 
     name: str
     value: float
@@ -75,14 +75,14 @@ class Vehicle:
     Attributes
     ----------
     name : str
-        For messages.
+        Name for messages to the user.
     source : ByteSource
     autopilot : int
         `ARDUPILOT` or `PX4`.
     system, component : int
-        Its address.
+        MAVLink address of the vehicle.
     armed : bool
-        State in its last heartbeat.
+        Whether the vehicle was armed in its last heartbeat.
     """
 
     def __init__(self, source: ByteSource, *, answer: float = ANSWER_S, silent: float = SILENT_S) -> None:
@@ -108,8 +108,8 @@ class Vehicle:
     ) -> Self:
         """Wait for a vehicle; `system` selects one of several on the link.
 
-        Times in s: `wait` for the first heartbeat, `listen` for heartbeats of others, `answer` to a request, and
-        `silent` until a link counts as lost.
+        Times are in s: `wait` is the longest wait for the first heartbeat, `listen` the time to listen for further
+        vehicles, `answer` the wait for an answer, and `silent` the time without heartbeats after which a link is lost.
 
         Raises
         ------
@@ -162,7 +162,7 @@ class Vehicle:
     def get(self, *names: str, tries: int = TRIES) -> Parameter | None:
         """Request a parameter by the names it may have; None if the vehicle has none of them or does not answer.
 
-        `LinkError` where the link is lost.
+        Raises `LinkError` if the link is lost.
         """
         unknown: set[str] = set()
         for attempt in range(tries):

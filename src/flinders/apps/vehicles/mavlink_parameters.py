@@ -40,14 +40,14 @@ PARAMETERS: Final[Mapping[int, type[CompassParameters]]] = {
     ARDUPILOT: ardupilot.ArduPilotParameters,
     PX4: px4.Px4Parameters,
 }
-MOUNTING_TRIES: Final = 3  # Most requests for a parameter that old firmware lacks
-MAX_READBACKS: Final = 4  # Most readbacks of a value that differs from the one set
+MOUNTING_TRIES: Final = 3  # Largest number of requests for a parameter that old firmware lacks
+MAX_READBACKS: Final = 4  # Largest number of readbacks of a value that differs from the one set
 RECOVERY_S: Final = 30.0  # Longest wait for a lost vehicle before previous values are restored
 AXES: Final = {
     ARDUPILOT: "it acts after COMPASS_ORIENT: the recording must be in the axes of the vehicle, as its logs are",
     PX4: "it acts before CAL_MAGn_ROT: the recording must be in the axes of the sensor, as sensor_mag of its logs is",
 }
-"""Axes that a calibration must be in; the numbers alone do not show them."""
+"""Sentence on the axes that a calibration must be in, by autopilot; its numbers do not show its axes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +59,7 @@ class ParameterChange:
 
     @property
     def is_none(self) -> bool:
-        """The vehicle holds the value already."""
+        """Whether the vehicle holds the new value already."""
         return is_same_float32(self.old.value, self.new.value)
 
 
@@ -68,11 +68,11 @@ class ParameterPlan:
     """Changes to the parameters of a vehicle, not yet made."""
 
     vehicle: Vehicle
-    compass: int  #: as the vehicle counts: ArduPilot from 1 to 3, PX4 from 0 to 3
-    device_id: int  #: of the compass that the vehicle has there
+    compass: int  #: number of the compass: ArduPilot 1 to 3, PX4 0 to 3
+    device_id: int  #: device id of this compass on the vehicle
     #: every parameter of the calibration, also those that the vehicle holds already
     changes: tuple[ParameterChange, ...]
-    notes: tuple[str, ...] = ()  #: what to know, a sentence each
+    notes: tuple[str, ...] = ()  #: notes for the user, a sentence each
 
     @classmethod
     def of(
@@ -91,11 +91,11 @@ class ParameterPlan:
         ----------
         vehicle : Vehicle
         calibration : Calibration
-            For ArduPilot in the axes of the vehicle, as in its logs; for PX4 in the axes of the sensor, as in its
-            logs. For ArduPilot, mapped axes are mapped back if the frame is ``vehicle``.
+            For ArduPilot in the axes of the vehicle, for PX4 in the axes of the sensor, as in the logs of each. For
+            ArduPilot, mapped axes are mapped back if the frame is ``vehicle``.
         compass : int, optional
-            In the vehicle's numbering: ArduPilot 1 to 3, PX4 0 to 3; by default the compass with the device id, or
-            the first one.
+            Number of the compass: ArduPilot 1 to 3, PX4 0 to 3. By default the compass with the device id, or else the
+            first one.
         device_id : int, optional
             Device id of the compass; by default the one in the name of the calibration's sensor, if any.
         mounting : (3, 3) float, optional
@@ -146,10 +146,10 @@ class ParameterPlan:
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
         return {
-            "vehicle": self.vehicle.name,  # its name
+            "vehicle": self.vehicle.name,  # name of the vehicle
             "compass": self.compass,
             "device_id": self.device_id,
-            # `name`, value `before` and `after` of each
+            # for each parameter its `name`, and its value `before` and `after`
             "parameters": [
                 {"name": change.new.name, "before": change.old.value, "after": change.new.value}
                 for change in self.changes
@@ -158,7 +158,7 @@ class ParameterPlan:
         }
 
     def __str__(self) -> str:
-        """Each parameter before and after, one a line."""
+        """Text with a line for each parameter: its value before and after."""
         width = max(len(change.new.name) for change in self.changes)
         lines = [f"{f'compass {self.compass}':<{width}}  {'before':>12}  {'after':>12}   (device {self.device_id})"]
         for change in self.changes:
@@ -233,7 +233,7 @@ class ParameterPlan:
 
 
 def refuse_armed(vehicle: Vehicle) -> None:
-    """Refuse a vehicle that may be moving."""
+    """Refuse an armed vehicle, which may be moving."""
     if vehicle.armed:
         raise NotSent(f"{vehicle.name} is armed: a compass is not changed under way; land, disarm, and send again")
 
@@ -250,14 +250,14 @@ def device_of(calibration: Calibration) -> int | None:
 
 
 def _spellings(autopilot: int, name: str) -> tuple[str, ...]:
-    """Spellings of a parameter's name in each naming scheme of the firmware."""
+    """Name of a parameter in each naming scheme of the firmware."""
     return (name,) if autopilot == PX4 else ardupilot.spellings(name)
 
 
 def _check_mounting(
     vehicle: Vehicle, compass: int, mounting: Floats | None, values: Mapping[str, float]
 ) -> Mapping[str, float]:
-    """Values to set, after a check that the mounting is that of the recording or is among the values."""
+    """Values to set; refuses a mounting that changed since the recording, unless the values contain the mounting."""
     kind = PARAMETERS[vehicle.autopilot]
     names = [name for name in values if name in kind.mounting_names(compass)]
     if mounting is None or not (names or vehicle.autopilot == ARDUPILOT):
@@ -281,14 +281,14 @@ def _check_mounting(
 
 
 def _mounting_now(vehicle: Vehicle, compass: int) -> dict[str, float]:
-    """Parameters of the vehicle that hold the mounting of a compass."""
+    """Read the parameters of the vehicle that hold the mounting of a compass."""
     present = _present_values(vehicle, PARAMETERS[vehicle.autopilot].mounting_names(compass))
     orientation = present.get(ardupilot.names("ORIENT", compass)[0], 0.0)
     return {**present, **_present_values(vehicle, ardupilot.custom_names(int(orientation)))}
 
 
 def _present_values(vehicle: Vehicle, names: Iterable[str]) -> dict[str, float]:
-    """Values of those parameters that the vehicle has, by the names of the first scheme."""
+    """Values of the parameters that the vehicle has, by their names in the first naming scheme."""
     present = {}
     for name in names:
         parameter = vehicle.get(*_spellings(vehicle.autopilot, name), tries=MOUNTING_TRIES)
@@ -298,7 +298,7 @@ def _present_values(vehicle: Vehicle, names: Iterable[str]) -> dict[str, float]:
 
 
 def _without_missing(values: Mapping[str, float], present: Mapping[str, float]) -> dict[str, float]:
-    """The values less angles of 0 that old firmware lacks."""
+    """Values without those mounting angles that are 0 and that old firmware lacks."""
     return {
         name: value
         for name, value in values.items()
@@ -325,7 +325,7 @@ def _free_custom(vehicle: Vehicle, compass: int, values: Mapping[str, float]) ->
 
 
 def _settable_parameter(vehicle: Vehicle, name: str, value: float) -> Parameter:
-    """Parameter as the vehicle holds it, after a check that its type can hold the value."""
+    """Parameter with a new value, in the type that the vehicle uses; refuses a value that the type cannot hold."""
     old = vehicle.get(name)
     if old is None:
         raise NotSent(
@@ -351,7 +351,7 @@ def _fits(value: float, kind: int) -> bool:
 
 
 def _identity(autopilot: int, compass: int) -> Sequence[str]:
-    """Names of the parameter with the device id of a compass, one a naming scheme."""
+    """Name, in each naming scheme, of the parameter with the device id of a compass."""
     return (f"CAL_MAG{compass}_ID",) if autopilot == PX4 else ardupilot.names("DEV_ID", compass)
 
 
@@ -423,7 +423,7 @@ def _refuse_stopped(stopped: Callable[[], bool]) -> None:
 
 
 def _put_back(vehicle: Vehicle, touched: list[ParameterChange], *, say: Callable[[str], None], back: float) -> str:
-    """Restore the previous values, waiting for a lost link; return a sentence on the values the vehicle holds."""
+    """Restore the previous values, and wait for a lost link; return a sentence on the values that the vehicle holds."""
     if not touched:
         return "nothing was changed"
     left, until = list(reversed(touched)), time.monotonic() + back

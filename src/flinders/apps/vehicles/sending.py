@@ -1,4 +1,4 @@
-"""Packet for a board or parameter plan for a vehicle from a fit; sending is done elsewhere.
+"""Makes the packet for a board, or the parameter plan for a vehicle, from a fit; other modules send them.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -28,7 +28,7 @@ class BoardPacket:
     """The packet that MotionCal sends to a board."""
 
     packet: MotionCalPacket
-    warnings: tuple[str, ...]  #: what to know, a sentence each
+    warnings: tuple[str, ...]  #: warnings for the user, a sentence each
 
 
 def board_packet(fit: Fit, *, lossy: bool = False) -> BoardPacket:

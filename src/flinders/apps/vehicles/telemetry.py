@@ -36,14 +36,14 @@ if TYPE_CHECKING:
 
 ASK_AGAIN_S: Final = 3.0  # Time without a reading after which the request is repeated and advice is given
 BATCH_S: Final = 0.03
-"""Seconds: readings that arrive within this time form one batch."""
-FETCH_TRIES: Final = 4  # Most requests for each parameter
+"""Time in s within which arriving readings form one batch."""
+FETCH_TRIES: Final = 4  # Largest number of requests for each parameter
 REPORTED: Final = ("OFS_X", "OFS_Y", "OFS_Z", "DIA_X", "DIA_Y", "DIA_Z", "ODI_X", "ODI_Y", "ODI_Z")
 """Parameters of the calibration in force; older firmware lacks SCALE, which is read separately."""
 SELECTION_S: Final = 1.0  # Time to wait for a better kind of message
 GRAVITY: Final = 9.80665
-RECOVERY_S: Final = 0.5  # Wait for a lost vehicle, per attempt
-MOTOR_TRIES: Final = 2  # Most requests for COMPASS_MOT, which some vehicles lack
+RECOVERY_S: Final = 0.5  # Longest wait for a lost vehicle in each attempt
+MOTOR_TRIES: Final = 2  # Largest number of requests for COMPASS_MOT, which some vehicles lack
 
 
 class Telemetry:
@@ -105,7 +105,7 @@ class Telemetry:
 
     @property
     def target(self) -> str:
-        """Export target of this vehicle."""
+        """Name of the export target for this vehicle."""
         return TARGETS[self._vehicle.autopilot]
 
     @property
@@ -153,7 +153,7 @@ class Telemetry:
         return any(one is not None and one.value for one in axes)
 
     def _look_again(self) -> None:
-        """Fetch the parameters again after a change; after a loss of the link, once it is back."""
+        """Fetch the parameters again; if the link is lost, do it once the link is back."""
         self._is_unsure = True
         with contextlib.suppress(LinkError):
             self._fetch()
@@ -213,7 +213,7 @@ class Telemetry:
         return FeedEvent("back", self._now(), f"{self.name} is back")
 
     def _row(self, message: Any) -> tuple[float, ...] | None:  # noqa: ANN401 - pymavlink has no types
-        """Reading in a message of the chosen kind; None for a repeated reading."""
+        """Reading in a message of the chosen kind; None for another kind, and for a repeated reading."""
         number = message.get_msgId()
         row = reading(number, message) if number in self._messages else ()
         if not any(row[1:4]) or number != self._chosen_kind(number) or row[:4] == self._last:

@@ -160,7 +160,7 @@ def magnet(options: Magnet) -> None:
 
 
 def _read(options: program.Group) -> dict[str, UnitValue | str]:
-    """Quantities of the typed options, in their order."""
+    """Quantities that were typed as options, in the order of the options."""
     from flinders.apps.classic.budget import QUANTITIES, UnitValue
 
     given: dict[str, UnitValue | str] = {}

@@ -27,7 +27,7 @@ class CompareMethods(program.Group):
         "--blocks", type=click.IntRange(2, 1000), default=10, show_default=True, metavar="N",
         help="Blocks of time for cross-validation.",
     )  # fmt: skip
-    reading: option.ReadingOptions = program.group(option.ReadingOptions)
+    reading: option.ReadingByChip = program.group(option.ReadingByChip)
     sensor: str | None = option.sensor()
     field_strength: float | None = option.field_strength()
     judgement: option.Judgement = program.group(option.Judgement)

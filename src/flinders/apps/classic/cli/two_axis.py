@@ -44,7 +44,7 @@ class TwoAxis(program.Group):
         "--after", metavar="CALIBRATION",
         help="Calibration that was loaded while RECORDING was made; the result is composed with it.",
     )  # fmt: skip
-    reading: option.ReadingOptions = program.group(option.ReadingOptions)
+    reading: option.ReadingByChip = program.group(option.ReadingByChip)
     output: str | None = option.output(
         "the calibration", "Calibration file to write, or - for standard output.", heading=program.OUTPUT
     )

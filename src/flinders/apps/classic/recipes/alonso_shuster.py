@@ -178,7 +178,7 @@ def minimise(sums: ProductSums, theta: Floats, start: Floats, method: str) -> Fl
     theta : (9,) float
         Starting point.
     start : (9,) float
-        θ' with whose gain the gain is compared.
+        θ' whose gain is the reference for `Collapsed`.
     method : str
         Name of the method in messages.
     """
@@ -214,7 +214,7 @@ def _improve(sums: ProductSums, theta: Floats, step: Floats, cost: float) -> tup
 
 METHOD: Final = Method(
     AlonsoShuster,
-    use="TWOSTEP, for a field strength that is known at each reading and varies",
+    use="TWOSTEP: the field strength is known at each reading, and varies",
     source="Alonso and Shuster (2002)",
     is_recipe=True,
 )

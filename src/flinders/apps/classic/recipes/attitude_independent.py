@@ -59,26 +59,26 @@ MIN_EXPLAINED: Final = 0.5
 """Smallest explained share of the variance of H² for a centred fit; with less, noise dominates its scale."""
 
 MAX_SPREAD_RATIO: Final = 0.8
-"""Largest spread of a strength that readings do not follow, in units of their distance from one ellipsoid."""
+"""Largest σ of a strength that the readings do not explain, relative to their scatter about one ellipsoid."""
 
 MAX_CONSTANT_SPREAD: Final = 1e-9
 """Largest relative spread of a constant strength, from rounding."""
 
 MIN_LENGTH_DIFFERENCE: Final = 1e-4
-"""Smallest relative difference (rms) of a strength from the length of the readings, if it is not just that length."""
+"""Smallest rms difference of a strength from the length of the readings, as a share; with less, it is that length."""
 
 MIN_GAIN_RATIO: Final = 0.5
-"""Smallest ratio of the gain to that of the start: noise does not halve the gain, the root at D = −I does."""
+"""Smallest ratio of the gain to that of the start; noise does not halve the gain, convergence to D = −I does."""
 
 MAX_READINGS: Final = 50_000
 """Largest number of readings that are processed one by one, evenly spread over a longer recording."""
 
 MIN_INFORMATION: Final = 1e-12
-"""Smallest eigenvalue of the information, with its diagonal scaled to 1, of an observed parameter."""
+"""Smallest eigenvalue of an observed parameter, in an information matrix whose diagonal is scaled to 1."""
 
 _EYE: Final = np.eye(3)
 BASIS: Final = np.array([symmetric_matrix(unit) for unit in np.eye(6)])
-"""(6, 3, 3) of symmetric matrices, in the order 11, 22, 33, 12, 13, 23."""
+"""(6, 3, 3) basis of symmetric matrices, in the order 11, 22, 33, 12, 13, 23."""
 
 
 class ConstantStrength(FitError):
@@ -110,7 +110,7 @@ class WrongStrength(FitError):
 
 
 class Collapsed(NotAnEllipsoid):
-    """The fit went to the root that exists for any readings: the gain shrank to the share `gain_ratio` of the start."""
+    """The fit went to D = −I, a root for any readings: its gain shrank to the share `gain_ratio` of the start's."""
 
     code: ClassVar[str] = "collapsed"
 
@@ -141,14 +141,14 @@ def check_options(*, weights: str, noise: float | None, field_strength: float | 
 
 
 def regressors(field: Floats) -> Floats:
-    """(N, 9) L of (N, 3) readings."""
+    """(N, 9) regressors L of (N, 3) readings."""
     x, y, z = field.T
     rows: Floats = np.stack([2 * x, 2 * y, 2 * z, -x * x, -y * y, -z * z, -2 * x * y, -2 * x * z, -2 * y * z], axis=1)
     return rows
 
 
 def beta(theta: Floats) -> tuple[float, Floats]:
-    """|b|² of (9,) θ', and its (9,) gradient: 2q and −qqᵀ with q = (I + E)⁻¹c."""
+    """β = |b|² of (9,) parameters θ', and the (9,) gradient of β: 2q and −qqᵀ with q = (I + E)⁻¹c."""
     q = np.linalg.solve(_EYE + symmetric_matrix(theta[3:]), theta[:3])
     x, y, z = q
     gradient = np.array([2 * x, 2 * y, 2 * z, -x * x, -y * y, -z * z, -2 * x * y, -2 * x * z, -2 * y * z])
@@ -156,12 +156,12 @@ def beta(theta: Floats) -> tuple[float, Floats]:
 
 
 def theta_of(b: Floats, d: Floats) -> Floats:
-    """(9,) θ' = (c, E) of (3,) b and (3, 3) D."""
+    """(9,) parameters θ' = (c, E) of an offset b (3,) and a distortion D (3, 3)."""
     return np.concatenate([b + d @ b, upper_entries(2.0 * d + d @ d)])
 
 
 def parameters(theta: Floats, method: str = "") -> tuple[Floats, Floats]:
-    """(3,) b and (3, 3) D of (9,) θ': D = U diag(√(1 + s) − 1) Uᵀ where E = U diag(s) Uᵀ.
+    """(3,) offset b and (3, 3) distortion D of (9,) parameters θ': D = U diag(√(1 + s) − 1) Uᵀ if E = U diag(s) Uᵀ.
 
     Raises `NotAnEllipsoid` unless I + E is positive definite.
     """
@@ -173,7 +173,7 @@ def parameters(theta: Floats, method: str = "") -> tuple[Floats, Floats]:
 
 
 def jacobian(b: Floats, d: Floats) -> Floats:
-    """(9, 9) J = ∂(c, E)/∂(b, D), D in the order 11, 22, 33, 12, 13, 23: I + D, M_cD above M_ED."""
+    """(9, 9) Jacobian J = ∂(c, E)/∂(b, D); D and E are in the order 11, 22, 33, 12, 13, 23."""
     gain = _EYE + d
     whole = np.zeros((9, 9))
     whole[:3, :3] = gain
@@ -206,7 +206,7 @@ def ellipsoid_covariance(covariance: Floats, b: Floats, d: Floats, reference: Re
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """Readings with the strength of the field."""
+    """Readings with the strength of the field, and the scales by which both are divided."""
 
     readings: Readings
     method: str  # name of the method in messages
@@ -214,12 +214,12 @@ class Reference:
     size: float  # size R of the readings, in their unit; readings are divided by it
     spread: float  # standard deviation of the strength, as a share of its mean
     is_reported: bool  # whether a column of the recording has the strength; else one strength was given, or none
-    consistent: Ellipsoid | None  # consistent ellipsoid through the readings, for a constant strength, as a start
-    noise: float  # distance of the readings from it, or from a sphere (1 σ), in units of the mean strength
+    consistent: Ellipsoid | None  # ellipsoid of the consistent fit, from which methods start; None if that fit failed
+    noise: float  # distance of the readings from that ellipsoid or from a sphere, 1 σ, in units of the mean strength
 
     @classmethod
     def of(cls, readings: Readings, method: str, field_strength: float | None) -> Self:
-        """Take the strength from the column of the recording, else the given one, else the size of the readings.
+        """Take the strength from the recording's column, else the given strength, else the radius of a fit.
 
         Raises `NeedsSamples` if only sums are given; `WrongStrength` for a column that is not positive, is the length
         of the readings themselves, is missing in one of several recordings, or comes with a given strength;
@@ -247,7 +247,7 @@ class Reference:
 
     @property
     def origin(self) -> Floats:
-        """(3,) x₀, in the unit of the readings."""
+        """(3,) mean reading x₀, in the unit of the readings."""
         return self.readings.summary.moments.mean
 
     @property
@@ -271,15 +271,15 @@ class Reference:
         return max(1, -(-len(self.readings) // MAX_READINGS))
 
     def counts(self, steps: int) -> list[int]:
-        """Numbers of processed readings at about so many steps."""
+        """Numbers of processed readings at which estimates are made, about `steps` of them."""
         return spread_counts(-(-len(self.readings) // self.stride), steps)
 
     def convergence(self, counts: Sequence[int], estimates: Sequence[Estimate | None]) -> Convergence:
-        """Convergence of estimates after so many processed readings."""
+        """Convergence of `estimates`, made after `counts` processed readings."""
         return Convergence.of([min(count * self.stride, len(self.readings)) for count in counts], estimates)
 
     def thin(self, limit: int) -> tuple[Floats, Floats]:
-        """Readings x' and strengths, about `limit` at most, evenly spread over the recording."""
+        """Readings x' and strengths, at most about `limit` of each, evenly spread over the recording."""
         stride = max(1, -(-len(self.readings) // limit))
         pairs = [(field[::stride], strength[::stride]) for field, strength in self.blocks()]
         field, strength = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
@@ -321,7 +321,7 @@ class Reference:
 
 @dataclass(frozen=True, slots=True)
 class _ReportedStrength:
-    """Sums of a column of strengths."""
+    """Statistics of the recording's column of field strengths."""
 
     count: int = 0
     mean: float = 0.0
@@ -329,7 +329,7 @@ class _ReportedStrength:
 
     @classmethod
     def of(cls, readings: Readings) -> Self:
-        """Sums over the recording; `count` is 0 if no reading has a strength."""
+        """Statistics over the recording; `count` is 0 if no reading has a strength."""
         have = [any(block.strength is not None for block in _blocks(part)) for part in readings.single_recordings]
         if not any(have):
             return cls()
@@ -381,7 +381,7 @@ class ProductSums:
     """Weighted sums of products of L, z − μ and 1, which are sufficient for both steps."""
 
     gram: Floats  # (11, 11): Σ rrᵀ/σ_k² with r = (L, z − μ, 1)
-    scatter: Floats  # (11, 11): the same, with each term times the variance of v over the σ_k² of its weight
+    scatter: Floats  # (11, 11): the same sum, each term multiplied by (variance of v)/σ_k²
     count: int  # number of readings
 
     @classmethod
@@ -399,7 +399,7 @@ class ProductSums:
 
     @property
     def variance(self) -> float:
-        """s̄² with 1/s̄² = Σ 1/σ_k²."""
+        """Variance s̄² of the weighted means: 1/s̄² = Σ 1/σ_k²."""
         return float(1.0 / self.gram[10, 10])
 
     @property
@@ -442,7 +442,7 @@ class ProductSums:
         return float(means[9] - means[:9] @ theta + beta(theta)[0])
 
     def cost(self, theta: Floats) -> float:
-        """Whole cost Σ v²/σ_k², with the mean included."""
+        """Cost Σ v²/σ_k², with the weighted mean of v included."""
         row = np.concatenate([-theta, [1.0]])
         return float(row @ self.centred_products @ row) + self.mean_residual(theta) ** 2 / self.variance
 
@@ -490,7 +490,7 @@ def converged_noise(reference: Reference, b: Floats, d: Floats, taken: int) -> f
 
 
 def gain_ratio(theta: Floats, start: Floats) -> float:
-    """Smallest gain of one θ' along any direction, as a share of another's; 0 if that is not an ellipsoid."""
+    """Smallest ratio, over all directions, of the gain of `theta` to that of `start`; 0 if `start` is no ellipsoid."""
     values, vectors = np.linalg.eigh(_EYE + symmetric_matrix(start[3:]))
     if not values[0] > 0.0:
         return 0.0
@@ -503,22 +503,22 @@ def gain_ratio(theta: Floats, start: Floats) -> float:
 
 
 def estimate_of(
-    reference: Reference, b: Floats, d: Floats, covariance: Floats, method: str, *, on_the_way: bool = False
+    reference: Reference, b: Floats, d: Floats, covariance: Floats, method: str, *, is_partial: bool = False
 ) -> Estimate:
-    """Estimate from b, D and their covariance.
+    """Make an `Estimate` from b', D' and their covariance.
 
     Parameters
     ----------
     b : (3,) float
-        b'.
+        Offset b', relative to the mean reading.
     d : (3, 3) float
-        D'.
+        Distortion D'.
     covariance : (9, 9) float
-        Covariance of both.
+        Covariance of b' and D'.
     method : str
         Name of the method.
-    on_the_way : bool
-        Whether only part of the readings was used, so that residuals are not calculated.
+    is_partial : bool
+        Whether only part of the readings was used; then residuals are not calculated.
     """
     ellipsoid = ellipsoid_of(b, d, reference)
     reported: Literal["", "constant", "varying"] = ""
@@ -528,7 +528,7 @@ def estimate_of(
     estimate = Estimate(
         ellipsoid, ellipsoid_covariance(covariance, b, d, reference), 0.0, method, strength=known, follows=reported
     )
-    if on_the_way:
+    if is_partial:
         return estimate
     alike = scale_to_one_strength(reference.readings, estimate)
     square = sum(float(np.sum(magnitude.distances(block, ellipsoid) ** 2)) for block in alike.blocks(method))

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 Start: TypeAlias = Literal["sphere", "zero"]
 
 MAX_DISTORTION_SPREAD: Final = 0.1
-"""Largest standard deviation of D at the start; with 1, D = −I would be likely."""
+"""Largest standard deviation of D at the start; with a value of 1, D = −I would be likely."""
 
 MIN_FILTER_GAIN: Final = 0.25
 """Smallest gain of a filter that has not collapsed, as a share of the smallest gain at the start."""
@@ -65,8 +65,8 @@ class Ekf:
     start : str
         ``"sphere"``: from the sphere through all readings. ``"zero"``: from b = 0 and D = 0, as published.
     spread : float
-        Standard deviation of the start: of b as a share of the strength, and of D, limited to 0.1. A start at zero
-        needs a spread as large as the hard iron.
+        Standard deviation of the start: that of b as a share of the strength, and that of D, which is at most 0.1. A
+        start at zero needs a spread as large as the hard iron.
     walk : float
         Random walk of the state from one reading to the next, as a share of the strength; 0 for a constant sensor.
     noise : float, optional
@@ -137,19 +137,22 @@ class Ekf:
         return estimate if reference.varies else widen_by_consistent(estimate, reference)
 
     def converge(self, readings: Readings, steps: int = 100) -> Convergence:
-        """Estimates at about so many steps, until the filter goes to D = −I.
+        """Estimates after about `steps` numbers of readings, up to the one at which the filter goes to D = −I.
 
         Raises the errors of `estimate`, except `Collapsed`.
         """
         reference, counts, (begun, *states) = self._states(readings, steps)
         followed = [
-            self._estimate(state, reference, on_the_way=True) if state.gain > MIN_FILTER_GAIN * begun.gain else None
+            self._estimate(state, reference, is_partial=True) if state.gain > MIN_FILTER_GAIN * begun.gain else None
             for state in states
         ]
         return reference.convergence(counts, followed)
 
     def _states(self, readings: Readings, steps: int = 0) -> tuple[Reference, list[int], list[FilterState]]:
-        """Reference, numbers of readings at each step (all for 0 steps), and states: the start and one per step."""
+        """Reference, number of readings at each step, and states: the start and one for each step.
+
+        For 0 steps there is one step, after all readings.
+        """
         readings.require(self.unknowns, self.name)
         reference = Reference.of(readings, self.name, self.field_strength)
         noise = self._noise(reference)
@@ -165,7 +168,7 @@ class Ekf:
         return reference, counts, states
 
     def _noise(self, reference: Reference) -> float:
-        """The given noise, else that of the centred fit if the strength varies, else that of the ellipsoid."""
+        """Noise that was given, else that of the centred fit if the strength varies, else that of the ellipsoid."""
         if self.noise is not None:
             return self.noise / reference.mean
         count = len(reference.readings)
@@ -192,9 +195,9 @@ class Ekf:
         moved[3:, 3:] = distortion * gain * np.eye(6)
         return FilterState(np.concatenate([-origin, upper_entries((gain - 1.0) * np.eye(3))]), moved @ moved.T)
 
-    def _estimate(self, state: FilterState, reference: Reference, *, on_the_way: bool = False) -> Estimate:
+    def _estimate(self, state: FilterState, reference: Reference, *, is_partial: bool = False) -> Estimate:
         b, d = state.values[:3], symmetric_matrix(state.values[3:])
-        return estimate_of(reference, b, d, state.covariance, self.name, on_the_way=on_the_way)
+        return estimate_of(reference, b, d, state.covariance, self.name, is_partial=is_partial)
 
 
 class FilterState(NamedTuple):
@@ -202,9 +205,9 @@ class FilterState(NamedTuple):
 
     Examples
     --------
-    >>> begun = FilterState(np.zeros(9), 0.01 * np.eye(9))
-    >>> seen = begun.update(np.array([[1.1, 0.0, 0.0], [-0.9, 0.0, 0.0]]), np.ones(2), noise=1e-3)
-    >>> seen.values[:3].round(2)
+    >>> start = FilterState(np.zeros(9), 0.01 * np.eye(9))
+    >>> state = start.update(np.array([[1.1, 0.0, 0.0], [-0.9, 0.0, 0.0]]), np.ones(2), noise=1e-3)
+    >>> state.values[:3].round(2)
     array([0.1, 0. , 0. ])
     """
 
@@ -237,14 +240,14 @@ class FilterState(NamedTuple):
 
 
 def _distortion_jacobian(field: Floats) -> Floats:
-    """(m, 3, 6) ∂(Dx)/∂(D₁₁, D₂₂, D₃₃, D₁₂, D₁₃, D₂₃) at (m, 3) x."""
+    """(m, 3, 6) Jacobian ∂(Dx)/∂(D₁₁, D₂₂, D₃₃, D₁₂, D₁₃, D₂₃) at m vectors x (m, 3)."""
     moves: Floats = np.einsum("kij,mj->mik", BASIS, field)
     return moves
 
 
 METHOD: Final = Method(
     Ekf,
-    use="an extended Kalman filter, as one on board would settle; depends on order and start",
+    use="an extended Kalman filter, as it would converge on board; depends on order and start",
     source="Crassidis, Lai and Harman (2005)",
     is_recipe=True,
 )

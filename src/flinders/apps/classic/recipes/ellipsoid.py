@@ -57,7 +57,9 @@ class Constrained:
     Parameters
     ----------
     radii : str
+        Constraint on radii and axes: a row of the table, or a name of ``magcal``.
     centred : bool
+        Whether the centre is kept at zero.
 
     Notes
     -----
@@ -121,7 +123,7 @@ class Constrained:
         return replace(made, estimator=self.name)
 
     def choose_radii(self, readings: Readings) -> tuple[Radii, Ellipsoid]:
-        """Radii and ellipsoid with the smallest `fit_error`, from the sphere to the free ellipsoid, as ``magcal``.
+        """Choose the radii with the smallest `fit_error` as ``magcal`` does, from the sphere to the free ellipsoid.
 
         Raises `NotAnEllipsoid` if not even a sphere fits the readings.
         """
@@ -157,7 +159,7 @@ class Constrained:
 
 METHOD: Final = Method(
     Constrained,
-    use="radii, axes or centre are known to be constrained; parity with ellipsoid_fit and magcal",
+    use="constraints on radii, axes or centre are known; numbers of ellipsoid_fit and magcal",
     source="Petrov (2009, 2015); MathWorks, magcal",
     is_recipe=True,
 )

@@ -71,7 +71,9 @@ class Sequential:
     Parameters
     ----------
     find : str
+        Parameters to find: ``"offset"``, ``"all"`` or ``"auto"``.
     form : str
+        Order of the updates: ``"exact"``, or ``"published"``.
     weights : str
         As for `AlonsoShuster`.
     noise : float, optional
@@ -134,7 +136,7 @@ class Sequential:
         return self._estimate(state, reference, find)
 
     def converge(self, readings: Readings, steps: int = 100) -> Convergence:
-        """Estimates at about so many steps; None before the first batch is complete.
+        """Estimates after about `steps` numbers of readings; None before the first batch is complete.
 
         Raises the errors of `estimate`.
         """
@@ -186,20 +188,20 @@ class Sequential:
     def _followed_estimate(self, state: SequentialState | None, reference: Reference, find: Find) -> Estimate | None:
         """Estimate from a state during the recursion; None while it is no ellipsoid."""
         try:
-            return None if state is None else self._estimate(state, reference, find, on_the_way=True)
+            return None if state is None else self._estimate(state, reference, find, is_partial=True)
         except NotAnEllipsoid:
             return None
 
     def _estimate(
-        self, state: SequentialState, reference: Reference, find: Find, *, on_the_way: bool = False
+        self, state: SequentialState, reference: Reference, find: Find, *, is_partial: bool = False
     ) -> Estimate:
-        """Estimate from a state."""
+        """Make an `Estimate` from a state of the recursion."""
         theta, covariance = rescale(state)
         b, d = parameters(theta, self.name)
         inverse = np.linalg.inv(jacobian(b, d))
         covariance = inverse @ covariance @ inverse.T
         named = self.name if find == "all" else f"{self.name} offset"
-        made = estimate_of(reference, b, d, covariance, named, on_the_way=on_the_way)
+        made = estimate_of(reference, b, d, covariance, named, is_partial=is_partial)
         return replace(made, estimator=self.name)
 
 
@@ -252,7 +254,7 @@ class SequentialState(NamedTuple):
 
 
 def first_batch(rows: Floats, variances: Floats) -> int:
-    """Number of the first of (N, k) rows that determine k unknowns; 0 if all rows do not."""
+    """Smallest number of leading rows, of (N, k), that determine k unknowns; 0 if all N rows do not."""
     count = MIN_BATCH
     while count < 2 * len(rows):
         taken = min(count, len(rows))
@@ -284,7 +286,7 @@ def rescale(state: SequentialState) -> tuple[Floats, Floats]:
 
 METHOD: Final = Method(
     Sequential,
-    use="centred, reading by reading: the offset; all parameters if the field's strength is known and varies",
+    use="centred, reading by reading: the offset, or all parameters if a varying field strength is known",
     source="Crassidis, Lai and Harman (2005)",
     is_recipe=True,
 )

@@ -73,7 +73,7 @@ class Sphere:
 
 METHOD: Final = Method(
     Sphere,
-    use="offset and radius only: a bare sensor, few readings, a base line",
+    use="offset and radius only: a bare sensor, few readings, a baseline",
     source="NXP AN4246, eq. 11–22; Kåsa (1976)",
     is_recipe=True,
 )

@@ -111,10 +111,13 @@ class TwoStep:
 
 
 class Triangular(NamedTuple):
-    """The model of Foster and Elkaim: x = a Bx + x₀, y = b (Bx sin ρ + By cos ρ) + y₀, and z likewise.
+    """Gains and angles of the model of Foster and Elkaim, in which the x axis is the reference.
 
-    z = c (Bx sin λ + By cos λ sin φ + Bz cos λ cos φ) + z₀: the x axis is the reference, the y axis is tilted towards
-    x by ρ, the z axis towards x by λ and towards y by φ.
+        x = a Bx + x₀
+        y = b (Bx sin ρ + By cos ρ) + y₀
+        z = c (Bx sin λ + By cos λ sin φ + Bz cos λ cos φ) + z₀
+
+    The y axis is tilted towards x by ρ, the z axis towards x by λ and towards y by φ.
 
     >>> Triangular(1.0, 1.1, 0.9, 5.2, 1.1, -3.2).b
     1.1
@@ -144,7 +147,7 @@ def triangular_model(ellipsoid: Ellipsoid, field_strength: float) -> Triangular:
 
 METHOD: Final = Method(
     TwoStep,
-    use="parity with Gebre-Egziabher and Elkaim, or Foster and Elkaim; relative to the x axis",
+    use="numbers of Gebre-Egziabher and Elkaim, or of Foster and Elkaim; relative to the x axis",
     source="Gebre-Egziabher and others (2001, 2006); Foster and Elkaim (2008)",
     is_recipe=True,
 )

@@ -170,7 +170,7 @@ def command(options: Fleet) -> int:
 
 
 def _write_report(out: str, report: str, *, force: bool) -> None:
-    """Write the report of a fleet."""
+    """Write the HTML report of a fleet's table."""
     from flinders.apps.fleet.aggregate import overview_of
     from flinders.apps.fleet.report import page
     from flinders.apps.fleet.storage import StoredFile, fetch

@@ -102,6 +102,6 @@ def command(options: SimulatedFleet) -> int:
 
 
 def _properties(unit: str) -> str:
-    """Line of a unit: every third is of the newer revision, and two benches take turns."""
+    """Line of a unit in the CSV of properties: every third unit is of the newer revision; there are two benches."""
     number = int(unit[1:])
     return f"{unit},{'B' if number % 3 == 0 else 'A'},bench {1 + number % 2}\n"

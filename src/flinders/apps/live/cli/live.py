@@ -10,7 +10,7 @@ import threading
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Self
 
 import click
 
@@ -43,6 +43,12 @@ SWITCH_S: Final = 0.0005
 
 class LineOptions(option.UnitsOptions, option.LinesOptions):
     """Options to read lines and recordings."""
+
+    chip: str | None = option.chip()
+
+    def of_reading(self) -> dict[str, Any]:
+        """The given arguments of `flinders.open_recording`."""
+        return {name: value for name, value in self.as_dict().items() if value is not None and name != "chip"}
 
 
 class LiveSource(program.Group):
@@ -101,9 +107,10 @@ class LiveSource(program.Group):
         resume: str | None = None,
         heard: Callable[[ByteSource], ByteSource] = lambda wire: wire,
     ) -> Source:
-        """Return the named source; by default a plugged-in port, else the simulation, or the session to resume alone.
+        """Return the source that the options name; by default a plugged-in serial port.
 
-        `heard` wraps a wire that sends lines.
+        With nothing plugged in, it is the session to resume, without new readings, or else the simulation. `heard`
+        wraps a wire that sends lines.
         """
         from flinders.apps.live.session_file import DEFAULT_TARGET, Source
         from flinders.links.feeds import NoSensor, Replay, feed_kind
@@ -111,7 +118,7 @@ class LiveSource(program.Group):
         from flinders.links.transports import open_lines, open_link
         from flinders.readers import open_recording
 
-        reading = {name: value for name, value in self.lines.as_dict().items() if value is not None}
+        reading = self.lines.of_reading()
         if self.replay is not None:
             recording = open_recording(self.replay, **reading)
             say(str(recording))
@@ -140,7 +147,7 @@ class LiveSource(program.Group):
         return Source(kind, partial(Recorder, lines, **reading), reading, None if kind == "udp" else lines)
 
     def _lines(self, *, is_resumed: bool) -> tuple[Kind, str | None]:
-        """Kind and port of the source of lines; without a port, the simulation or an earlier session."""
+        """Kind and port of a source of lines; with nothing plugged in, kind of an earlier session or a simulation."""
         if self.udp is not None or self.tcp is not None:
             return "tcp" if self.udp is None else "udp", None
         if self.port is not None:
@@ -194,7 +201,7 @@ class ServedPage(program.Group):
 
 
 def with_serial_port(source: LiveSource, page: ServedPage) -> tuple[LiveSource, ServedPage]:
-    """Treat a serial port given by ``--port`` as the source, and serve the page on its default port."""
+    """Use a serial port that was typed as ``--port`` as the source, and serve the page on its default port."""
     if isinstance(page.web_port, int):
         return source, page
     if source.port is not None:
@@ -222,6 +229,11 @@ class Live(program.Group):
     )
     page: ServedPage = program.group(ServedPage)
     as_json: bool = option.as_json()
+
+    @classmethod
+    def from_values(cls, values: dict[str, Any]) -> Self:
+        """Take the values of the command, with those of the chip."""
+        return super().from_values(option.with_chip(values))
 
     def check(self) -> None:
         """Refuse several sources, and an unusable place for the recording.
@@ -307,7 +319,7 @@ def command(options: Live) -> None:
 
 
 def _last_words(hub: Hub) -> Iterator[str]:
-    """Yield the path of the recording, and the next command."""
+    """Yield the lines printed at the end: the path of the recording, and the next command."""
     from flinders.report.formatting import duration_words
     from flinders.report.recording import calibrate_command
 
@@ -322,7 +334,7 @@ def _last_words(hub: Hub) -> Iterator[str]:
 
 
 def _given_edits(options: Live) -> dict[str, Any]:
-    """Options given for the session, which take precedence over the file of an earlier one."""
+    """Edits that were given as options; they take precedence over those in the file of an earlier session."""
     chosen = {"target_deg": options.target_deg, "dip_deg": options.dip_deg, "refreshing": options.refresh or None}
     return {name: value for name, value in chosen.items() if value is not None}
 

@@ -111,7 +111,7 @@ class Record(program.Group):
 
 
 def _record(source: ByteSource, pattern: str | None, sink: Sink, **how: Any) -> RecordingStatistics:
-    """Record lines."""
+    """Record the lines of a source to a file; `how` are further arguments of `Recorder`."""
     from flinders.links.recorder import Recorder
 
     return Recorder(source, sink, pattern=pattern, **how).run()
@@ -200,7 +200,7 @@ def _remarks(record: RecordingStatistics, output: str) -> Iterator[str]:
 
 
 def _unclear(output: str) -> Iterator[str]:
-    """Yield the columns that may be the magnetometer's, and the next command if their values decide."""
+    """Yield notes on a table with an unclear magnetometer: candidate columns, and a command that decides by values."""
     from flinders.readers import open_recording
     from flinders.readers._likeness import XYZ
     from flinders.report.recording import calibrate_command

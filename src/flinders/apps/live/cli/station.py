@@ -6,7 +6,7 @@ import contextlib
 import dataclasses
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Self
 
 from flinders.apps.live.cli.live import SWITCH_S, LiveSource, ServedPage, announce, with_serial_port
 from flinders.cli import _options as option
@@ -46,6 +46,11 @@ class StationOptions(program.Group):
     )
     page: ServedPage = program.group(ServedPage)
     as_json: bool = option.as_json()
+
+    @classmethod
+    def from_values(cls, values: dict[str, Any]) -> Self:
+        """Take the values of the command, with those of the chip."""
+        return super().from_values(option.with_chip(values))
 
 
 @program.command_of(

@@ -82,10 +82,10 @@ STRUCTS: Final = {
 
 
 def data() -> dict[str, Any]:
-    """The key ``engine`` of `page.json`, JSON-ready; `static/standalone/data.d.ts` has its type."""
+    """Value of the key ``engine`` in `page.json`, JSON-ready; `static/standalone/data.d.ts` has its type."""
     return {
         "layouts": {name: _layout(struct) for name, struct in STRUCTS.items()},
-        "listed": enum_value("OUTLIERS"),  # most runs of outliers
+        "listed": enum_value("OUTLIERS"),  # largest number of listed runs of outliers
         "rows": [_row(CATALOGUE[code]) for code in ENGINE_FINDINGS],
         "quantities": QUANTITIES_OF_A_FIT,
         "numbers": NUMBERS,

@@ -119,17 +119,17 @@ def _token(match: re.Match[str]) -> str:
 
 
 def _inside(match: re.Match[str]) -> str:
-    """Convert an escape in a set of characters."""
+    """Convert an escape in a set of characters to JavaScript."""
     return _WORD if match[1] == "w" else _remove_escape(match[0], _SYNTAX | {"-"})
 
 
 def _remove_escape(token: str, syntax: frozenset[str]) -> str:
-    """Remove an escape that JavaScript does not allow; it allows syntax, letters and digits with a meaning."""
+    """Remove an escape that JavaScript forbids: that of a character without a meaning in patterns."""
     return token if token[1] in syntax or token[1].isalnum() else token[1]
 
 
 def _is_portable(value: object) -> bool:
-    """Whether JSON can hold a value, with patterns and rows of dialects as objects."""
+    """Whether JSON can hold a constant; patterns and rows of dialects are written as objects."""
     if isinstance(value, dict):
         return all(isinstance(key, str | int) for key in value) and all(map(_is_portable, value.values()))
     if isinstance(value, tuple | frozenset):
@@ -140,7 +140,7 @@ def _is_portable(value: object) -> bool:
 
 
 def _json_value(value: Any) -> Any:  # noqa: ANN401 - as JSON
-    """Convert a value for JSON."""
+    """Convert a constant to a value that JSON can hold."""
     if isinstance(value, re.Pattern):
         return in_javascript(value)
     if isinstance(value, marked.Marked):

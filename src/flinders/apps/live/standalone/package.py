@@ -44,9 +44,9 @@ REFUSALS: Final = {**refreshing.UNFIT_REASONS, "turned": ROTATION_REFUSAL}
 VERSION: Final = version("flinders")
 DATA: Final = "page.json"
 STATIC_FOLDER: Final = "apps/live/static"
-"""Modules, page and style sheet of this package."""
+"""Folder with the modules, the page and the style sheet of this package."""
 SCENE: Final = "static/views/scene.js"
-"""The 3-D view, which the page can do without."""
+"""File of the 3-D view, which the page can do without."""
 SCRIPTS: Final[dict[str, tuple[str, tuple[str, ...]]]] = {
     "static/page.js": (f"{STATIC_FOLDER}/standalone/main.js", ()),
     "static/worker.js": (f"{STATIC_FOLDER}/standalone/worker.js", ()),
@@ -56,7 +56,7 @@ SCRIPTS: Final[dict[str, tuple[str, tuple[str, ...]]]] = {
 REPORT: Final = "static/report.css"
 """Style sheet of a report, shared with the program."""
 TRANSLATIONS: Final = "languages/"
-"""Folder of the languages, each of which is loaded where it is wanted."""
+"""Folder of the translations; a language is loaded when the user selects it."""
 ASSETS: Final = ("index.html", "static/page.css", "static/theme.js", "static/compass.svg")
 """Files that are copied unchanged."""
 

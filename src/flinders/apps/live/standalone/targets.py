@@ -1,8 +1,8 @@
-r"""Export targets as templates: output of each writer of `flinders.targets` for placeholder numbers, split at these.
+r"""Export targets as templates for JavaScript: texts with slots for the numbers of a calibration.
 
-The writers stay the only source: each writes a calibration with unique numbers, and each number in the text is matched
-with the quantities and formats that a target may use. A template is a list of texts and slot numbers; a slot states the
-quantity and its format.
+Each writer of `flinders.targets` writes a calibration with unique placeholder numbers. The text is split at these
+numbers, and each number is matched with the quantities and formats that a target may use. A template is a list of texts
+and slot numbers; a slot states the quantity and its format.
 
 >>> px4 = next(row for row in data()["rows"] if row["name"] == "px4")
 >>> template = px4["variants"]["uT known"]
@@ -46,23 +46,23 @@ NAMES: Final = (
 )  # fmt: skip
 """Targets whose numbers are those of the calibration in some unit; others select or round numbers.
 
-In the order of the page's list, which is for boards first.
+In the order of the page's list, whose groups follow their first targets: it is for boards first.
 """
 OWN_FORMATS: Final = {"ardupilot": "general", "px4": "general", "matlab": "seventeen"}
-"""Format of targets whose numbers another format may write identically."""
+"""Format of targets for which the format cannot be told from the numbers, since another one may write the same."""
 
 RECORDED: Final = "\N{CURRENCY SIGN}"
-"""Placeholder for the name of the recorded unit, and as `over` for its size."""
+"""Placeholder for the name of the recorded unit; as `over` of a slot, it stands for the size of that unit."""
 MATRIX: Final = np.array(
     [[1.0837465291, 0.0213876541, -0.0342918763], [0.0213876541, 0.9471829354, 0.0158273649],
      [-0.0342918763, 0.0158273649, 0.9912837465]]
 )  # fmt: skip
 SKEW: Final = 1e-5 * np.array([[0.0, 0.0, 0.0], [3.1728394, 0.0, 0.0], [-5.9182736, 7.1928374, 0.0]])
-"""Added for targets that hold any matrix, so that rows and columns differ."""
+"""Matrix added to `MATRIX` for targets that hold any matrix, so that rows and columns differ."""
 OFFSET: Final = np.array([12.345678912, -23.192837465, 34.564738291])
 STRENGTH: Final = 47.123584967
 SCALE: Final = 0.7310585786
-"""Size of the placeholder unit; the constants above are placeholders, too."""
+"""Placeholder for the size of the recorded unit; the numbers above are placeholders of a calibration."""
 DIVISORS: Final = (1.0, RECORDED, PER_UNIT["mG"], PER_UNIT["G"])
 FORMATS: Final[dict[str, Callable[[float], str]]] = {
     "general": lambda value: f"{np.float32(value) + np.float32(0):.9g}",
@@ -73,7 +73,7 @@ FORMATS: Final[dict[str, Callable[[float], str]]] = {
     "seventeen": lambda value: f"{value:.17g}",
     "figures": lambda value: figures(value, 4),
 }
-"""Formats of numbers; the first two round to single precision, and only the first omits the point."""
+"""Formats of numbers. The first two round to single precision; only the first omits the point of a whole number."""
 NUMBER: Final = re.compile(r"[-+]?\d[\d,]*(?:\.\d+)?(?:e[-+]?\d+)?")
 ERROR: Final = re.compile(r"(?:less than|at most) \S+ (\S+) and \S+°")
 
@@ -96,7 +96,7 @@ def data() -> dict[str, Any]:
 
 
 class _Slots:
-    """Numbered slots, without duplicates."""
+    """Slots of all templates, numbered, each only once."""
 
     def __init__(self) -> None:
         self.rows: list[dict[str, Any]] = []
@@ -111,7 +111,7 @@ class _Slots:
         return self._places[key]
 
     def pieces(self, text: str, written: dict[str, dict[str, Any]]) -> list[str | int]:
-        """Split a text at the placeholder numbers in `written`, and at errors."""
+        """Split a text at the placeholder numbers in `written`, and at placeholders for heading errors."""
         made: list[str | int] = []
         end = 0
         for match in sorted([*NUMBER.finditer(text), *ERROR.finditer(text)], key=lambda match: match.start()):
@@ -124,12 +124,13 @@ class _Slots:
 
 
 def _row(target: Target, slots: _Slots) -> dict[str, Any]:
-    """One target."""
+    """Data of one target: names, limits, and a template for each variant."""
     return {
         "name": target.name,
         "use": target.use,
         "title": target.title,
         "suffix": target.suffix,
+        "group": target.group,
         "comment": target.comment and asdict(target.comment),
         "relative": bool(target.lengths),
         "limits": [_limit(limit, slots) for limit in target.limits],
@@ -199,7 +200,7 @@ def _quantities(calibration: Calibration) -> Iterator[tuple[dict[str, Any], floa
 
 
 def _slots_by_text(calibration: Calibration, own: str) -> dict[str, dict[str, Any]]:
-    """Slot of each text that a number of the calibration may have, the `own` format first."""
+    """Slots by the texts in which numbers of the calibration may be written; the `own` format takes precedence."""
     written: dict[str, dict[str, Any]] = {}
     for (slot, value), sign, name in product(list(_quantities(calibration)), (1, -1), sorted(FORMATS, key=own.__ne__)):
         written.setdefault(FORMATS[name](sign * value), {**slot, "sign": sign, "format": name})

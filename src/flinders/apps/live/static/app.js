@@ -30,7 +30,7 @@ import { drawChanged, lay, markHovered } from "./widgets.js";
 /** @typedef {import("./messages.d.ts").SessionState} State */
 /** @typedef {import("../../../static/views/scene.js").Scene} Scene */
 
-/** Least time between two drawings of charts, and the inverse of their largest share of the time. */
+/** Shortest time between two drawings of charts, ms, and the inverse of the largest share of time for drawing. */
 const CHART_MS = 100;
 const CHART_SHARE = 6;
 /** Key of the chosen theme in the browser's storage; see theme.js. */
@@ -234,7 +234,7 @@ function drawPhase(state) {
     const title = byId("phase", HTMLElement);
     const isResult = isEnded(state) && state.phase === "collecting" && state.told !== "fitting";
     const isLevel = state.phase === "limited" && isGoodWhileLevel(store.view, state.goal);
-    const shownPhase = isLevel && guide.lead && staysLevel(guide.lead.body) ? "good" : state.phase; // the best result of a vehicle that stays level
+    const shownPhase = isLevel && guide.lead && staysLevel(guide.lead.body) ? "good" : state.phase; // headings while level are the best result for a vehicle that stays level
     if (panel instanceof HTMLElement) panel.dataset.phase = shownPhase;
     setIcon(title, ICONS[isResult ? "limited" : shownPhase]);
     const strong = title.querySelector("strong");

@@ -9,7 +9,7 @@ const FACE = "system-ui, -apple-system, 'Segoe UI', sans-serif";
 /**
  * Texts of a card.
  * @typedef {object} Card
- * @property {string} name Of the sensor.
+ * @property {string} name Name of the sensor.
  * @property {string} before The worst level heading error without calibration.
  * @property {string} after
  * @property {string} bound Bound on the error of all headings, 95 %.

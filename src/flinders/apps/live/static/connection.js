@@ -23,7 +23,7 @@ const SILENCE_MS = 6000;
  * @property {(message: FromServer) => void} onMessage
  * @property {(frame: ArrayBuffer) => void} onFrame
  * @property {(link: "open" | "lost" | "trying", seconds: number) => void} onLink
- *   Lost: `seconds` until the next attempt, called each second while waiting.
+ *   Called each second while the connection is lost: `seconds` until the next attempt.
  */
 
 export class Connection {

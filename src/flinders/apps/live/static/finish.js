@@ -16,9 +16,9 @@ import { adviceOf, conditionOf, previousWords, reasonWords, sentenceOf } from ".
 /** @typedef {import("./standalone/running.js").Preview} Preview */
 
 const LAST_TARGET = "flinders-export";
-/** Result without readings. @type {import("./standalone/running.js").Finished} */
+/** Result before the first calibration. @type {import("./standalone/running.js").Finished} */
 const NOTHING = { name: "", view: null, refusal: "" };
-/** Reasons that do not concern the readings already received. */
+/** Codes of reasons on the link, which do not concern the readings already received. */
 const NOT_OF_READINGS = ["gone", "nothing-arrives", "not-recorded"];
 /** Matches a comment line of a preview. */
 const COMMENT = /^\s*(\/\*|\*|\/\/|#|--|%|;|$)/;
@@ -141,11 +141,13 @@ export class Finish {
     setTargets(targets) {
         const known = (/** @type {string | null} */ chosen) => targets.some(({ name }) => name === chosen);
         const chosen = [this.targets.value, recall(LAST_TARGET), targets[0]?.name ?? ""].find(known);
+        const groups = new Set(targets.map(({ group }) => group));
         this.targets.replaceChildren(
-            ...targets.map(({ name, title, suffix }) => {
-                const option = element("option", `${title} (${suffix})`);
-                option.setAttribute("value", name);
-                return option;
+            ...Array.from(groups, (group) => {
+                const options = targets.filter((target) => target.group === group).map(optionOf);
+                const listed = element("optgroup", options);
+                listed.setAttribute("label", group);
+                return listed;
             }),
         );
         if (chosen) this.targets.value = chosen;
@@ -369,7 +371,7 @@ function counting(state) {
 }
 
 /**
- * Sentence on changes of the session since the calibration.
+ * Sentence on the session's changes since the calibration was made.
  * @param {State} state
  * @param {boolean} isMade
  */
@@ -379,7 +381,7 @@ function otherNow({ finished, opened }, isMade) {
 }
 
 /**
- * Whether a calibration misses the target so far that more readings are the first advice.
+ * Whether a calibration misses the target by so much that more readings are the first advice.
  * @param {State} state
  */
 function lacks({ phase }) {
@@ -429,7 +431,7 @@ export function judged(finished, state) {
     return { kind: misses ? "limited" : view.verdict, title: misses ? phrase("verdict.misses", "Misses the target") : title, words };
 }
 
-/** @returns {string} What to do before the first fit. */
+/** @returns {string} Instruction before the first fit. */
 function turnFirst() {
     return phrase("finish.turn-first", "turn the sensor through all directions; the first fit comes after some seconds");
 }
@@ -446,8 +448,15 @@ export function tiltText(deg) {
 /**
  * @param {string} number
  * @param {string} unit
- * @returns {string} Without a unit for a dash.
+ * @returns {string} The number with its unit; a dash without unit.
  */
 function withUnit(number, unit) {
     return number === "–" ? number : `${number} ${unit}`;
+}
+
+/** @param {TargetInfo} target */
+function optionOf({ name, title, suffix }) {
+    const option = element("option", `${title} (${suffix})`);
+    option.setAttribute("value", name);
+    return option;
 }

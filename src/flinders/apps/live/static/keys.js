@@ -15,7 +15,7 @@ const STORE = "flinders-single-keys";
 /** Names of keys that are no letters. @type {Readonly<Record<string, string>>} */
 export const KEYS = Object.freeze({ delete: "Delete", escape: "Escape", shift: "Shift", ctrl: "Ctrl" });
 
-/** Whether single keys act; users of speech input can switch them off. */
+/** Whether shortcuts of a single key are on; users of speech input can switch them off. */
 export function singleKeys() {
     return recall(STORE) !== "off";
 }
@@ -37,13 +37,13 @@ export function listen(shortcuts) {
         const shift = event.shiftKey && event.key.length === 1 && /[a-z]/i.test(event.key) ? "shift+" : "";
         const act = acts.get(`${control}${shift}${event.key.toLowerCase()}`);
         if (!act || (!control && event.key !== "Escape" && !singleKeys())) return;
-        if (event.key !== "Escape") event.preventDefault(); // the browser closes dialogs with it
+        if (event.key !== "Escape") event.preventDefault(); // the browser closes dialogs with Escape
         act();
     });
 }
 
 /**
- * Whether a key goes into a field.
+ * Whether a key press is input to a field, and so no shortcut.
  * @param {KeyboardEvent} event
  * @returns {boolean}
  */

@@ -1,19 +1,19 @@
 /**
- * The page's words in the language of whoever uses it.
+ * Words of the page in the user's language.
  *
- * English stands where it is used: `phrase("phase.good", "Good")`. Another language is a file, `languages/CODE.json`, with
+ * English phrases are in the code: `phrase("phase.good", "Good")`. Another language is a file, `languages/CODE.json`, with
  * a sentence for each key; a key that it lacks stays English. The page loads that file before it draws anything. Workers
  * and files that the page saves stay English: sentences are made where they are shown.
  */
 
 import { element, recall, remember, setText } from "./dom.js";
 
-/** Where the browser keeps the language that was chosen. */
+/** Key of the chosen language in the browser's storage. */
 const KEY = "flinders-language";
 const ENGLISH = "en";
-/** What marks bold words and code within a phrase. */
+/** Matches bold words and code in a phrase. */
 const MARKED = /(\*\*[^*]+\*\*|`[^`]+`)/;
-/** Attributes that hold words, and the one that names the key of each. @type {[string, string][]} */
+/** Attributes with words, each with the attribute that holds the key of its phrase. @type {[string, string][]} */
 const ATTRIBUTES = [["title", "data-phrase-title"], ["aria-label", "data-phrase-label"], ["placeholder", "data-phrase-placeholder"]];
 
 /** @type {{code: string, words: Readonly<Record<string, string>>}} */
@@ -25,7 +25,7 @@ export function languageCode() {
 }
 
 /**
- * Put the page into a language from now on.
+ * Set the language of the page.
  * @param {string} code
  * @param {Readonly<Record<string, string>>} words  by key
  */
@@ -34,7 +34,7 @@ export function useLanguage(code, words) {
 }
 
 /**
- * Make something that stays English, as a file does, whatever the language of the page.
+ * Make a text in English, such as a file to save, whatever the language of the page.
  * @template T
  * @param {() => T} make
  * @returns {T}
@@ -61,7 +61,7 @@ export function phrase(key, english, values = {}) {
 }
 
 /**
- * The translation of a phrase, its braces open; null in English and where there is none.
+ * The translation of a phrase, with its braces not yet filled; null in English and without a translation.
  * @param {string} key
  * @returns {string | null}
  */
@@ -70,7 +70,7 @@ export function translation(key) {
 }
 
 /**
- * A number of things, in the form that the language has for that number; null in English and where there is none.
+ * A count with its noun, in the language's form for that count; null in English and without a translation.
  * @param {string} key  of the forms: `.one`, `.other` and what else the language has
  * @param {number} count
  * @returns {string | null}
@@ -81,7 +81,7 @@ export function pluralForm(key, count) {
 }
 
 /**
- * A number as text, "1,234.5", with the signs of the page's language.
+ * A number in text, such as "1,234.5", with the decimal and group signs of the page's language.
  * @param {string} text
  * @returns {string}
  */
@@ -94,7 +94,7 @@ export function numeral(text) {
 }
 
 /**
- * Translate the fixed words of a part of the page: those of elements that name a phrase.
+ * Translate the words of all elements of a part of the page that name a phrase.
  * @param {ParentNode} root
  */
 export function translateFixed(root) {
@@ -128,7 +128,7 @@ function nodeOf(part) {
     return part.startsWith("`") ? element("code", part.slice(1, -1)) : part;
 }
 
-/** @returns {string[]} Codes of the languages that this page can be in; English alone where it names none. */
+/** @returns {string[]} Codes of the languages of this page; only English if the page names none. */
 function offered() {
     const named = document.querySelector('meta[name="flinders-languages"]')?.getAttribute("content") ?? "";
     return [ENGLISH, ...named.split(" ").filter(Boolean)];
@@ -141,7 +141,7 @@ function wantedCode() {
     return wanted.find((code) => codes.includes(code)) ?? ENGLISH;
 }
 
-/** Load the language that is wanted; where its file cannot be had, the page stays English. */
+/** Load the wanted language; if its file cannot be loaded, the page stays English. */
 async function load() {
     const code = wantedCode();
     if (code === ENGLISH) return;
@@ -156,7 +156,7 @@ async function load() {
 }
 
 /**
- * Let somebody choose the language, which loads the page anew.
+ * Let the user choose the language; a choice reloads the page.
  * @param {HTMLSelectElement} list  whose options are the languages
  */
 export function listenForLanguage(list) {

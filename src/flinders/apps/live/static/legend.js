@@ -47,7 +47,7 @@ function tiles(target_deg, view, theme) {
 }
 
 /**
- * A mark of the legend in the page's language: "0.5° or less".
+ * Words at a colour of the legend in the page's language: "0.5° or less".
  * @param {string} words
  */
 function markWords(words) {

@@ -1,20 +1,20 @@
-/** What the page is told by its session, and what it asks of it. */
+/** Messages between the page and its session: the state and results for the page, and the commands of the user. */
 
 import type { TilesView, View } from "../../../static/view.d.ts";
 import type { Limits, SourceState, TargetInfo } from "./wire.d.ts";
 
 export type { Limits, SourceState, TargetInfo };
 
-/** Something that is wrong, or worth knowing, what to do about it, and intervals that a person may leave out. */
+/** A fault of the calibration or a remark on it, with the remedy, and intervals that the user may leave out (s). */
 export interface Reason {
   code: string;
   advice: string;
   severity: "info" | "warning";
   spans: Array<[number, number]>;
-  values?: Record<string, any>; // of its sentence in another language
+  values?: Record<string, any>; // values for the braces of its sentence, by name; for translations
 }
 
-/** A calibration from before, and how far the present one is off it, at the worst level heading. */
+/** An earlier calibration, and the present calibration's difference from it, at the worst level heading. */
 export interface PreviousState {
   name: string;
   change_deg: number | null;
@@ -23,9 +23,9 @@ export interface PreviousState {
   values?: Record<string, string>; // of the words
 }
 
-/** What a page shows, without the fit and the points. */
+/** State of a session for the page, without the fit and the points. */
 export interface SessionState {
-  kept: { seconds: number; is_changed: boolean } | null; // the best fit that was within the target, and its moment
+  kept: { seconds: number; is_changed: boolean } | null; // the best fit within the target, and the time of its last reading
   type: "state";
   source: SourceState;
   unit: string;
@@ -48,7 +48,7 @@ export interface SessionState {
   can_redo: boolean;
   stride: number;
   paused: boolean;
-  finished: { seconds: number; since: number } | null; // time of the last reading of the calibration, and how many came later
+  finished: { seconds: number; since: number } | null; // time of the last reading of the calibration, and number of later readings
   recording: string | null;
   previous: PreviousState | null;
   refreshing: boolean;
@@ -56,14 +56,14 @@ export interface SessionState {
   can_send: boolean;
 }
 
-/** Of the program, and what it can do. */
+/** Facts on the program: version, export targets and limits. */
 export interface Greeting {
   version: string;
   targets: Array<TargetInfo>;
   limits: Limits;
 }
 
-/** The first message: all there is. */
+/** The first message to the page: the complete state. */
 export interface Hello extends Greeting {
   type: "hello";
   tiles: TilesView;
@@ -71,32 +71,32 @@ export interface Hello extends Greeting {
   view: View | null;
 }
 
-/** A new fit; null where there is none. */
+/** A new fit; null if the readings have none. */
 export interface FitMessage {
   type: "fit";
   view: View | null;
 }
 
-/** Something to tell the person at the page, once. */
+/** A notice, shown once to the user. */
 export interface Notice {
   type: "notice";
   severity: "info" | "warning" | "error";
   words: string;
 }
 
-/** The worst heading error that is good enough. */
+/** Command: set the target, the largest acceptable heading error at the worst heading. */
 export interface SetTarget {
   type: "target";
   deg: number;
 }
 
-/** The inclination of the field at the site. */
+/** Command: set the dip of the field at the site. */
 export interface SetDip {
   type: "dip";
   deg: number;
 }
 
-/** The site in degrees, north and east positive, and the year: its inclination is taken from a model. */
+/** Command: set the place and the year, for the dip by the World Magnetic Model. North and east are positive. */
 export interface SetPlace {
   type: "place";
   latitude_deg: number;
@@ -104,74 +104,74 @@ export interface SetPlace {
   year: number;
 }
 
-/** What the calibration is for. */
+/** Command: set the goal, headings of a level vehicle or directions at any attitude. */
 export interface SetGoal {
   type: "goal";
   goal: "heading" | "attitude";
 }
 
-/** Take a stretch of time out. */
+/** Command: exclude the readings of an interval from the fit. */
 export interface Exclude {
   type: "exclude";
   start_s: number;
   end_s: number;
 }
 
-/** Put a stretch of time back in. */
+/** Command: use the excluded readings of an interval again. */
 export interface Restore {
   type: "restore";
   start_s: number;
   end_s: number;
 }
 
-/** Take the last exclusion or restoration back. */
+/** Command: undo the last exclusion or restoration. */
 export interface Undo {
   type: "undo";
 }
 
-/** Do again what was taken back. */
+/** Command: redo the step that was undone last. */
 export interface Redo {
   type: "redo";
 }
 
-/** Begin anew: what was received so far stays on the disk only. */
+/** Command: restart without readings. A recording keeps the earlier readings. */
 export interface Clear {
   type: "clear";
 }
 
-/** Keep no earlier fit: use all readings. */
+/** Command: drop the kept fit, so that the fit of all readings counts. */
 export interface UseAll {
   type: "use_all";
 }
 
-/** Finish the calibration: it stays as it is, whatever arrives. */
+/** Command: finish the calibration. Later readings do not change it. */
 export interface FinishCalibration {
   type: "finish";
 }
 
-/** Take in what came since the calibration was finished, and go on. */
+/** Command: include the readings since Finish, and continue. */
 export interface Collect {
   type: "collect";
 }
 
-/** Leave out what arrives until further notice. */
+/** Command: begin or end a pause, whose readings are excluded. */
 export interface Pause {
   type: "pause";
   paused: boolean;
 }
 
-/** Compare with no calibration from before. */
+/** Command: end the comparison with the earlier calibration. */
 export interface PreviousClear {
   type: "previous_clear";
 }
 
-/** Keep the soft iron of the calibration from before, and find its hard iron anew; or no longer. */
+/** Command: renew the earlier calibration (keep its soft iron, estimate the hard iron again), or end that. */
 export interface SetRefresh {
   type: "refresh";
   refresh: boolean;
 }
 
-/** Close the log that was opened. */
+/** Command: close the opened log, and show the sensor again. */
 export interface BackToLive {
   type: "back_to_live";
 }

@@ -1,4 +1,4 @@
-/** A small planner: from the body and the noise of its sensor to instructions and the error to expect. */
+/** A small planner: gives the turns and the expected heading error for a body and the noise of its sensor. */
 
 import { adopt, byId, element, Refusal } from "./dom.js";
 import { figures } from "./standalone/numbers.js";
@@ -13,7 +13,7 @@ import { sentenceOf } from "./verdict_words.js";
  * @typedef {object} PlannedRecording
  * @property {string} body
  * @property {number} noise  µT, 1 σ of each axis and reading
- * @property {"good" | "limited" | "refused"} verdict  to expect
+ * @property {"good" | "limited" | "refused"} verdict  expected verdict
  * @property {string} sentence
  * @property {string[]} steps  instructions
  * @property {number} seconds

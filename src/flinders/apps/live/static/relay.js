@@ -42,7 +42,7 @@ export class RelayLink extends SessionLink {
         this.sent = 0;
         /** All messages and readings so far have arrived, so the page is up to date. */
         this.isHeard = false;
-        /** The edits that the server has, as JSON. */
+        /** The edits that the server has stored, as JSON. */
         this.told = "";
         /** Number of the server's earlier calibration. */
         this.comparedWith = "";

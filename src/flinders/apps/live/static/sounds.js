@@ -11,16 +11,16 @@ import { recall, remember } from "./dom.js";
 
 /** Key of the setting in the browser's storage. */
 const KEY = "flinders-sounds";
-/** Tiles of 642 that make a new area, and the least time between two such sounds, s. */
+/** Number of new tiles (of 642) that make a new area, and the shortest time between two such sounds, s. */
 const [AREA, AREA_S] = [12, 0.4];
-/** Frequencies one after the other, Hz. */
+/** Frequencies of each sound, one after the other, Hz. */
 const NOTES = { area: [880], near: [1319], step: [660, 880], good: [523, 659, 784], wrong: [220, 165] };
 /** Seconds from one beep to the next where the arrow is reached, and where it leads to the other side. */
 const [FASTEST_S, SLOWEST_S] = [0.12, 1.2];
 const [NOTE_S, LOUDNESS] = [0.12, 0.15];
 
 /**
- * State for the sounds.
+ * The facts that sounds depend on.
  * @param {State} state
  * @param {View | null} view
  * @param {Lead | null} lead

@@ -55,7 +55,7 @@ export class Store {
         this.generation = -1;
         /** Number of readings at the newest of the points. */
         this.total = -1;
-        /** Every so many readings in memory, one is shown. */
+        /** One of so many readings in memory is shown; -1 before the first. */
         this.most = -1;
         /** @type {Points} */
         this.points = noPoints();

@@ -1,5 +1,5 @@
 /**
- * Sentences about a fit in the page's language, made of its numbers; in English, and where the language lacks one, the
+ * Sentences about a fit in the page's language, made from its numbers. In English, and without a translation, the
  * sentence that comes with the fit.
  */
 
@@ -26,7 +26,7 @@ export const POSES = Object.freeze({
     lowered: "with its {one} side down and its {two} side lowered by 30°",
     corner: "with the corner of its {one}, {two} and {three} sides down",
 });
-/** Why there is no fit, by the code of the refusal; in English the engine says it with its numbers. */
+/** Reasons for no fit, by the code of the refusal. The English reasons come from the engine, with numbers. */
 export const REFUSALS = Object.freeze({
     "too-few-samples": "There are too few readings: keep turning the sensor.",
     "not-finite": "Some readings are no numbers.",
@@ -42,7 +42,7 @@ const PATTERNS = Object.entries(POSES).map(([name, english]) => ({ name, pattern
 let tables = null;
 
 /**
- * Take the tables of the program, in which a finding's kind and the English sentences are.
+ * Set the tables of the program with the kinds and the English sentences of findings.
  * @param {EngineData} data
  */
 export function useVerdictTables(data) {
@@ -117,7 +117,7 @@ export function reasonWords(reason) {
 }
 
 /**
- * Why there is no fit, in the page's language.
+ * Reason for no fit, in the page's language.
  * @param {string} code
  * @param {string} words  in English
  */
@@ -139,13 +139,13 @@ export function previousWords({ words, code, values }) {
     return phrase(`earlier.${code}`, said, local);
 }
 
-/** @param {Said} finding @returns {string | null} Its meaning; null without a translation. */
+/** @param {Said} finding @returns {string | null} Meaning of a finding in words; null without a translation. */
 function plainWords(finding) {
     const words = translation(`findings.${finding.code}.plain`);
     return words && fillFrom(words, finding);
 }
 
-/** @param {Said} finding @returns {string} Its remedy as a sentence; empty for none. */
+/** @param {Said} finding @returns {string} Remedy of a finding as a sentence; empty for none. */
 function remedyOf(finding) {
     const words = translation(`findings.${finding.code}.remedy`);
     const filled = words && fillFrom(words, finding);
@@ -194,7 +194,7 @@ function localText(value) {
     return typeof value === "string" && /^[\d.,]+°?$/.test(value) ? numeral(value) : value;
 }
 
-/** @param {[string] | [string, number]} step @returns {string} The next thing to do. */
+/** @param {[string] | [string, number]} step @returns {string} The next step, as an instruction. */
 function stepWords([name, pose]) {
     const words = phrase(`step.${name}`, tables?.steps[name].replace("{}", "{pose}") ?? "");
     return words.replace("{pose}", pose === undefined ? "" : poseWords(tables?.poses.sensor[Math.round(pose)] ?? ""));

@@ -1,4 +1,4 @@
-/** Spoken words for who turns a sensor and does not look: the next thing to do, a turn that is done, good, wrong. */
+/** Spoken words for a user who does not look at the screen: the next step, a completed turn, a good result, a fault. */
 
 import { recall, remember, setText } from "./dom.js";
 import { languageCode, phrase } from "./language.js";
@@ -7,11 +7,11 @@ import { languageCode, phrase } from "./language.js";
 /** @typedef {import("./standalone/lead.js").Lead} Lead */
 /** @typedef {{phase: string, step: number, words: string}} Heard  What spoken words depend on. */
 
-/** Where the browser keeps whether they are on. */
+/** Key of the setting in the browser's storage. */
 const KEY = "flinders-voice";
 
 /**
- * What was there to be said.
+ * The facts that spoken words depend on.
  * @param {State} state
  * @param {Lead | null} lead
  * @returns {Heard}

@@ -22,12 +22,12 @@ import { phrase } from "./language.js";
 /** @typedef {import("../../../static/view.d.ts").Points} Points */
 
 /**
- * Part of the session that a widget shows.
+ * Name of a part of the session that a widget shows.
  * @typedef {"view" | "state" | "now" | "points"} Part
  */
 
 /**
- * Data to draw.
+ * Data that widgets draw.
  * @typedef {object} Picture
  * @property {View | null} view
  * @property {State | null} state

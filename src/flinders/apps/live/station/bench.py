@@ -34,18 +34,18 @@ if TYPE_CHECKING:
 
 Phase = Literal["ready", "confirm", "testing", "judging", "result"]
 
-MAX_LISTED_TESTS: Final = 8  # Most tests in the list of the page
-MAX_NAME: Final = 100  # Most characters of an operator's name
+MAX_LISTED_TESTS: Final = 8  # Largest number of tests in the list of the page
+MAX_NAME: Final = 100  # Largest number of characters of an operator's name
 
 
 class StationState(Struct, frozen=True, kw_only=True):
-    """State for the page."""
+    """State of a station, for the page of the operator."""
 
     phase: Phase
-    serial: str  # of the unit under test, or in question
+    serial: str  # serial number of the unit under test, or of the unit that `asked` is about
     board_serial: str  # serial number that the board reports
-    asked: str  # question before a repeated test
-    seconds: float  # since the start of the test
+    asked: str  # question to the operator before a repeated test
+    seconds: float  # seconds since the start of the test
     time_s: float  # duration of a test
     operator: str
     passed: int
@@ -118,7 +118,7 @@ class Station:
         )
 
     def recover(self) -> UnitTest | None:
-        """Write the row of an interrupted test of this or the last run of the program, and return the test.
+        """Write the row of a test that was interrupted, in this or the last run of the program, and return the test.
 
         Also writes rows that failed before; raises `OutputError` if that fails again.
         """
@@ -186,7 +186,7 @@ class Station:
             )
 
     def _write_waiting(self) -> None:
-        """Write a row that failed before, since a test begins only with a complete table."""
+        """Write a row that could not be written before; a test begins only with a complete table."""
         try:
             self.folder.write_waiting()
         except OutputError as error:

@@ -47,7 +47,7 @@ REMARK: Final = (
 
 @dataclass(frozen=True, slots=True)
 class CertifiedTest:
-    """Unit and test of a certificate."""
+    """The unit that a certificate is for, and its test."""
 
     serial: str
     identifier: str  # of the certificate, unique in the laboratory
@@ -224,7 +224,7 @@ def _real(quantity: ElementTree.Element, value: float, unit: str) -> None:
 
 
 def _list(quantity: ElementTree.Element, values: ArrayLike, unit: str, sigma: ArrayLike | None) -> None:
-    """Numbers with their expanded uncertainties."""
+    """Add a list of numbers with their expanded uncertainties to a quantity."""
     numbers = _si(quantity, "realListXMLList")
     _si(numbers, "valueXMLList", _decimals(values))
     _si(numbers, "unitXMLList", unit)

@@ -39,7 +39,7 @@ ACCEPTABLE, MARGINAL = 10.0, 30.0  # per cent of the total variation (AIAG, chap
 MIN_CATEGORIES: Final = 5
 MIN_PARTS, MIN_REPEATS = 2, 2
 SPREAD: Final = 6.0  # standard deviations of the gauge per tolerance
-MAX_TERMS: Final = 300  # most terms of the continued fraction
+MAX_TERMS: Final = 300  # largest number of terms of the continued fraction
 TINY: Final = 1e-300
 
 
@@ -52,12 +52,12 @@ class VarianceRow:
     squares: float  #: sum of squares
     mean_square: float
     f: float  #: ratio to the reference mean square; NaN for the repeatability
-    p: float  #: probability of a larger ratio by chance; NaN likewise
+    p: float  #: probability of a larger ratio by chance; NaN for the repeatability
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GaugeStudy:
-    """Variation of a measured quantity, and the share of the gauge."""
+    """Variation of a measured quantity, and the share of it that the gauge causes."""
 
     values: Floats  #: (P, O, R): measured, by part, operator and repeat
     rows: tuple[VarianceRow, ...]  #: the analysis of variance, before an interaction is pooled
@@ -69,7 +69,7 @@ class GaugeStudy:
         return math.sqrt(self.variances[component])
 
     def percent(self, component: Component) -> float:
-        """Standard deviation of a component in per cent of the total variation's; NaN without variation."""
+        """Standard deviation of a component, in per cent of the total standard deviation; NaN without variation."""
         total = self.sigma("total")
         return 100.0 * self.sigma(component) / total if total else math.nan
 
@@ -111,7 +111,7 @@ class GaugeStudy:
 
 
 def grade_of(percent: float) -> Grade:
-    """Grade of a share of the gauge in the total variation or in the tolerance, by the guidelines of AIAG.
+    """Grade of a gauge by AIAG's guidelines, from its share in per cent of the total variation or of the tolerance.
 
     >>> grade_of(9.0), grade_of(30.0), grade_of(31.0)
     ('acceptable', 'marginal', 'unacceptable')
@@ -131,7 +131,7 @@ def gauge_study(values: ArrayLike) -> GaugeStudy:
     Parameters
     ----------
     values : (P, O, R)
-        Of P parts, by O operators, R times; P and R of 2 at least.
+        Measured values of P parts by O operators, R times; P and R are 2 at least.
 
     Raises
     ------
@@ -178,7 +178,7 @@ def _one_way(values: Floats) -> tuple[VarianceRow, ...]:
 
 
 def _f_tests(squares: dict[Source, tuple[int, float]], against: dict[Source, Source]) -> tuple[VarianceRow, ...]:
-    """Return rows with their F tests."""
+    """Make the rows of the table from sums of squares, with an F test of each `against` another row."""
     mean_squares = {name: total / freedom for name, (freedom, total) in squares.items()}
     rows = []
     for name, (freedom, total) in squares.items():
@@ -192,7 +192,7 @@ def _f_tests(squares: dict[Source, tuple[int, float]], against: dict[Source, Sou
 
 
 def _variances(shape: tuple[int, ...], rows: tuple[VarianceRow, ...], *, is_pooled: bool) -> dict[Component, float]:
-    """Variances of the components by the expected mean squares; a negative one is zero (AIAG, appendix A)."""
+    """Variances of the components from the mean squares; a negative variance becomes zero (AIAG, appendix A)."""
     _, operators, repeats = shape
     by_name = {row.source: row for row in rows}
     error = by_name["repeatability"]
@@ -215,7 +215,9 @@ def _variances(shape: tuple[int, ...], rows: tuple[VarianceRow, ...], *, is_pool
 
 
 def f_tail(f: float, above: float, below: float) -> float:
-    """Probability that a ratio of mean squares with so many degrees of freedom is larger than `f` by chance.
+    """Probability that a ratio of mean squares is larger than `f` by chance.
+
+    `above` and `below` are the degrees of freedom of numerator and denominator.
 
     It is the regularised incomplete beta function I_x(below/2, above/2) at x = below/(below + above·f).
 
@@ -231,7 +233,7 @@ def f_tail(f: float, above: float, below: float) -> float:
 
 
 def _incomplete_beta(a: float, b: float, x: float) -> float:
-    """I_x(a, b) by its continued fraction (DLMF 8.17.22), on the side where that converges fast."""
+    """I_x(a, b) by its continued fraction (DLMF 8.17.22), or as 1 − I(b, a) at 1 − x if that converges faster."""
     if x in (0.0, 1.0):
         return x
     if x > (a + 1.0) / (a + b + 2.0):
@@ -241,7 +243,7 @@ def _incomplete_beta(a: float, b: float, x: float) -> float:
 
 
 def _continued_fraction(a: float, b: float, x: float) -> float:
-    """1 + d₁/(1 + d₂/(1 + …)) of DLMF 8.17.22, by the method of Lentz."""
+    """Continued fraction 1 + d₁/(1 + d₂/(1 + …)) of DLMF 8.17.22, by the method of Lentz."""
     value, upper, lower = 1.0, 1.0, 0.0
     for term in range(1, MAX_TERMS):
         m = term // 2

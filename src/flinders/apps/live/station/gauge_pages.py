@@ -49,13 +49,13 @@ SOURCES: Final = {
     "part": "parts", "operator": "operators", "interaction": "parts × operators", "repeatability": "repeatability",
 }  # fmt: skip
 WIDTH, HEIGHT, LEFT, TOP = 640.0, 220.0, 58.0, 12.0  # of a drawing
-MAX_NAMES: Final = 12  # Most parts named below a drawing
+MAX_NAMES: Final = 12  # Largest number of parts named below a drawing
 COLOURS: Final = 4  # Number of colours for operators
 
 
 @dataclass(frozen=True, slots=True)
 class QuantityStudy:
-    """A quantity, and its study."""
+    """A measured quantity, and its gauge study."""
 
     measured: MeasuredTable
     study: GaugeStudy
@@ -174,7 +174,7 @@ def _share(study: GaugeStudy, name: Component) -> float:
 
 
 def drawing(each: QuantityStudy) -> str:
-    """Every measurement by part, in the colour of its operator, with the mean of each part."""
+    """Draw every measurement by part, in the colour of its operator, with the mean of each part."""
     values = each.study.values
     parts, operators, repeats = values.shape
     low, high = float(values.min()), float(values.max())

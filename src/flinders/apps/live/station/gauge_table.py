@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 TABLE_BYTES: Final = 256 << 20
 QUANTITIES: Final = ("offset_x", "offset_y", "offset_z", "worst_deg", "noise", "field_strength")
-"""Default columns to study."""
+"""Columns that are studied by default."""
 OPERATOR: Final = "operator"
 """Column of a station's table with the operator."""
 NOBODY: Final = "(no operator)"
@@ -45,11 +45,11 @@ class MeasuredTable:
     """Values of one quantity."""
 
     quantity: str
-    unit: str  #: of the values
+    unit: str  #: unit of the values
     parts: tuple[str, ...]
     operators: tuple[str, ...]
-    values: Floats  #: (P, O, R)
-    left_out: int  #: rows beyond the R that every part has from every operator
+    values: Floats  #: (P, O, R) by part, operator and repeat
+    left_out: int  #: number of rows that are not used: a part has more than R rows from an operator
 
 
 def read_rows(path: str | os.PathLike[str]) -> list[dict[str, str]]:
@@ -105,7 +105,7 @@ def measured_table(
 def _repeats(
     cells: Mapping[tuple[str, str], list[float]], parts: tuple[str, ...], operators: tuple[str, ...], quantity: str
 ) -> int:
-    """Number of measurements that every part has from every operator."""
+    """Number R of measurements that every part has at least from every operator."""
     if len(parts) < 2:
         raise UsageError(f"{count_text(len(parts), 'part')} with {quantity}: a gauge study needs two, better ten")
     for part in parts:

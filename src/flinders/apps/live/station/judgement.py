@@ -48,7 +48,7 @@ class ShownResult(Struct, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class EndedTest:
-    """Ended test with its row."""
+    """An ended test: its row, and the result that the page shows."""
 
     row: StationRow
     shown: ShownResult
@@ -98,7 +98,7 @@ def judge_test(
 
 
 def _reading_misses(made: FinishedCalibration, plan: Plan) -> tuple[Miss, ...]:
-    """Return the misses of the readings; only ``no-readings`` if there are none."""
+    """Return the misses of a calibration; only ``no-readings`` if there are no readings."""
     is_empty = isinstance(made.outcome, UnreadableInput) or not sum(file.rows for file in made.files)
     return (Miss("no-readings"),) if is_empty else misses(made.outcome, plan.limits)
 
@@ -106,7 +106,7 @@ def _reading_misses(made: FinishedCalibration, plan: Plan) -> tuple[Miss, ...]:
 def _ended_test(
     test: UnitTest, row: StationRow, result: Result, missed: tuple[Miss, ...], outcome: Fit | FlindersError | None
 ) -> EndedTest:
-    """Return the row and the page's view, with reasons."""
+    """Make an ended test from its row, with the result and the reasons that the page shows."""
     reasons = tuple(ShownReason(miss.code, *miss_words(miss, outcome)) for miss in missed)
     message = " ".join(f"{reason.words} {reason.remedy}" for reason in reasons[:1])
     row = replace(

@@ -33,7 +33,7 @@ AXES: Final = "xyz"
 
 
 class Miss(Struct, frozen=True):
-    """A reason why a unit fails: a code of `station.words`, of a finding or of an error."""
+    """A reason why a unit fails, as a code: one of `station.words`, of a finding or of an error."""
 
     code: str
     found: float | None = None  # the value outside its limits
@@ -58,11 +58,11 @@ def _causes(fit: Fit) -> tuple[Miss, ...]:
 
 
 def _number_misses(fit: Fit, limits: PassLimits) -> Iterator[Miss]:
-    """Yield misses by numbers outside their limits; an unknown number counts as outside."""
+    """Yield a miss for each number outside its limits; an unknown number counts as outside."""
     if fit.calibration.unit != limits.unit and (limits.strength or limits.offset or limits.noise is not None):
         yield Miss("other-unit")
         return
-    if limits.verdict != "good" or fit.verdict == "good":  # else the engine's findings cover it
+    if limits.verdict != "good" or fit.verdict == "good":  # otherwise the engine's findings state the heading error
         yield from _miss("heading-error", fit.heading_error_deg.worst, (0.0, limits.heading_error_deg))
     yield from _miss("strength", fit.calibration.field_strength, limits.strength)
     for axis, value in zip(AXES, fit.calibration.offset.tolist(), strict=True):

@@ -47,7 +47,7 @@ class PassLimits(Struct, frozen=True, kw_only=True):
     time_s: float = 120.0  #: duration of a test
 
     def tolerance(self, quantity: str) -> float:
-        """Width of the pass range of a column, from 0 for an upper limit; NaN without limits."""
+        """Width of the pass range of a column; a range with an upper limit only begins at 0. NaN without limits."""
         ranges = {
             **dict.fromkeys(("offset_x", "offset_y", "offset_z"), self.offset),
             "field_strength": self.strength,
@@ -59,7 +59,7 @@ class PassLimits(Struct, frozen=True, kw_only=True):
 
 
 class MotionStep(Struct, frozen=True, kw_only=True):
-    """A pose to take, or a motion of the fixture, for some seconds."""
+    """A step of a motion: a pose to take, or a motion of the fixture, for some seconds."""
 
     words: str
     seconds: float
@@ -120,7 +120,7 @@ class CertificateFacts(Struct, frozen=True, kw_only=True):
 
 
 class Plan(Struct, frozen=True, kw_only=True):
-    """The file of a station."""
+    """Contents of a station's file."""
 
     limits: PassLimits = PassLimits()
     motion: Motion = Motion()
@@ -157,7 +157,7 @@ def read_plan(path: str | os.PathLike[str]) -> Plan:
 
 
 def plan_of(text: str, name: str = "plan") -> Plan:
-    """Parse the text of such a file; `name` is used in messages. Raises `UsageError`."""
+    """Parse the text of a station's file; `name` is used in messages. Raises `UsageError`."""
     try:
         tables = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -193,7 +193,7 @@ def _refuse_keys(where: str, table: Mapping[str, object], known: tuple[str, ...]
 
 
 def _refuse_out_of_range(name: str, plan: Plan) -> None:
-    """Refuse numbers and patterns out of range."""
+    """Refuse a plan with numbers out of range or invalid patterns."""
     limits = plan.limits
     _need(name, "limits.heading_error_deg", limits.heading_error_deg, 0.0, MAX_TARGET_DEG)
     _need(name, "limits.time_s", limits.time_s, 0.0, MAX_TIME_S)

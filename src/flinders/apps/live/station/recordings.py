@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from flinders.links.transports import ByteSource
 
-MAX_LINE: Final = 4096  # Most bytes of a line to search for a serial number
+MAX_LINE: Final = 4096  # Longest line in bytes that is searched for a serial number
 
 
 def folder_of(serial: str) -> str:
@@ -91,7 +91,7 @@ class UnitSink:
 
 
 def _header_in(text: str) -> str | None:
-    """Header line in a recorder's text; empty if rows have none; None before the first row."""
+    """Find the header line in a recorder's text; empty if the rows have no header, None before the first row."""
     for line in text.splitlines():
         if line.strip() and not line.startswith("#"):
             return "" if line.lstrip('"')[:1].isdigit() or line[:1] in "-+." else line

@@ -24,7 +24,7 @@ MAX_BODY: Final = 4096
 
 
 class Asked(Struct, frozen=True, forbid_unknown_fields=True):
-    """Action of an operator."""
+    """Request of the page: an action of the operator."""
 
     do: Literal["start", "finish", "abort", "next", "operator"]
     serial: str = ""

@@ -52,8 +52,8 @@ class StationRow:
     unit: str  #: serial number
     recording: str  #: file of its readings, in the folder of the station's recordings
     result: str  #: ``pass``, ``fail`` or ``aborted``
-    code: str = ""  #: of the most severe miss; empty if it passed
-    message: str = ""  #: the same in words, with a remedy
+    code: str = ""  #: code of the most severe miss; empty for a unit that passed
+    message: str = ""  #: the most severe miss in words, with a remedy
     missed: tuple[str, ...] = ()  #: codes of all misses
     operator: str = ""  #: name of the operator
     station: str = ""  #: name of the station
@@ -63,10 +63,10 @@ class StationRow:
     end_s: float = math.nan  #: end of the test, s since 1970
     readings: int = 0  #: number of readings
     samples: int = 0  #: number of readings used in the fit
-    verdict: str = ""  #: of the engine: ``good``, ``limited``, ``refused``, or ``failed`` without a fit
-    method: str = ""  #: of the fit
+    verdict: str = ""  #: verdict of the engine: ``good``, ``limited``, ``refused``, or ``failed`` without a fit
+    method: str = ""  #: method of the fit
     worst_deg: float = math.nan  #: heading error at the worst heading, 1 σ
-    rms_deg: float = math.nan  #: the same over all headings
+    rms_deg: float = math.nan  #: heading error, rms over all headings, 1 σ
     bound_95_deg: float = math.nan  #: bound of the heading error with a probability of 95 %
     dip_deg: float = math.nan  #: dip of the field that heading errors are for
     offset: tuple[float, ...] = VECTOR  #: in `unit_of_field`

@@ -26,7 +26,7 @@ REPEAT: Final = "Test the unit again."
 
 
 class LimitWords(NamedTuple):
-    """A limit, in words."""
+    """Name, remedy and unit of a limit, for sentences."""
 
     name: str
     remedy: str

@@ -56,7 +56,7 @@ class StandardOptions(program.Group):
 
     @property
     def rule(self) -> Standard | None:
-        """The named rule; None without one."""
+        """The rule that the option names; None without one."""
         return None if self.name is None else STANDARDS[self.name]
 
     @property
@@ -192,21 +192,21 @@ class SwingOptions(program.Group):
             )
 
     def refuse_of_recording(self) -> None:
-        """Refuse options of a recording or a boat's log for a table."""
+        """Refuse, for a table, the options of a recording or of a boat's log."""
         _refuse(self._of_magnetometer() | {"--stationary": program.is_typed("stationary_s")}, "a recording")
         self.refuse_of_boat()
 
     def refuse_of_magnetometer(self) -> None:
-        """Refuse options of a magnetometer's recording for the log of a boat."""
+        """Refuse, for a boat's log, the options of a magnetometer's recording."""
         _refuse(self._of_magnetometer() | {"--sigma": self.known.sigma_deg}, "other files than the log of a boat")
 
     def refuse_of_boat(self) -> None:
-        """Refuse options of a boat's log for other inputs."""
+        """Refuse, for other inputs, the options of a boat's log."""
         names = {"reference": "--reference", "min_speed": "--min-speed", "crab_deg": "--crab"}
         _refuse({names[name]: program.is_typed(name) for name in names}, "the log of a boat")
 
     def _of_magnetometer(self) -> dict[str, object]:
-        """Values of the options of a recording, by their spelling."""
+        """Values of the options that are only for a recording, by the spelling of each option."""
         return {
             "--headings": self.known.headings, "--level": self.accelerometer.is_level,
             "--acceleration": self.accelerometer.acceleration, "--columns": self.reading.columns,
@@ -214,7 +214,7 @@ class SwingOptions(program.Group):
 
 
 def _refuse(values: Mapping[str, object], what: str) -> None:
-    """Refuse options with a value; `what` is the input that they are for."""
+    """Refuse options that have a value; `what` names the input that the options are for."""
     for name, value in values.items():
         if value not in (None, False):
             raise UsageError(f"{name} is for {what}: leave it out")

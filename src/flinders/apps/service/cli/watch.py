@@ -59,7 +59,7 @@ class WatchedSource(program.Group):
     lines: LineOptions = program.group(LineOptions)
 
     def check(self) -> None:
-        """Refuse other than one source.
+        """Refuse no source, and several sources.
 
         Raises `UsageError`.
         """
@@ -129,7 +129,7 @@ class WatchedSource(program.Group):
         return sources.of_wire(wire, since, **reading)
 
     def _recordings(self, stack: contextlib.ExitStack, unit: Unit | None, frame: str | None) -> Source:
-        """Recordings, one after the other."""
+        """Open recordings as one source, one after the other."""
         from flinders.apps.service.sources import of_recordings
         from flinders.core.samples import frame_of
         from flinders.estimators.data import CountedRecording
@@ -297,7 +297,7 @@ class Watch(program.Group):
         return begun
 
     def known_walk(self) -> dict[str, Any]:
-        """Return the known random walk of this unit's offset as keywords; `UsageError` for a short history."""
+        """Return the random walk of the unit's offset from its history, as keywords; `UsageError` for a short one."""
         from flinders.core.units import unit_label
         from flinders.workflows.offset_history import OffsetHistory
         from flinders.workflows.walk import MIN_STEPS
@@ -315,7 +315,7 @@ class Watch(program.Group):
         return {"walk": walk, "walk_unit": history.unit}
 
     def _refuse_others(self, target_deg: float) -> None:
-        """Refuse options that contradict the state."""
+        """Refuse options that contradict the state from which the calibration continues."""
         if program.is_typed("target_deg") and self.target_deg != target_deg:
             raise UsageError(
                 f"--target is {self.target_deg:g}°, but {self.state} has {target_deg:g}°: leave it out, or "
@@ -400,7 +400,7 @@ def _start_time(recording: Recording) -> float:
 
 
 def _change_printer() -> Callable[[Report], None]:
-    """Return a function that prints a line for each change, except that a new estimate has come into force."""
+    """Return a function that prints a line for each change, except for a new estimate that comes into force."""
     last: list[Any] = [None, None]
 
     def tell(report: Report) -> None:

@@ -133,7 +133,7 @@ def _check(options: Survey, path: str) -> int:
 
 
 def _instrument_files(fit: SurveyFit, options: Survey) -> dict[str, str | bytes]:
-    """Contents of the files for an instrument, by path."""
+    """Contents of the files that the options request for an instrument, by path."""
     from flinders.apps.survey.targets import distox_coefficients, mag_cal_json
 
     made: dict[str, str | bytes] = {}

@@ -34,7 +34,7 @@ class TollesLawson(program.Group):
         "the result",
         "File for the coefficients, or with --coefficients for the compensated readings; - for standard output.",
     )
-    reading: option.ReadingOptions = program.group(option.ReadingOptions)
+    reading: option.ReadingByChip = program.group(option.ReadingByChip)
     force: bool = option.force()
     as_json: bool = option.as_json()
 

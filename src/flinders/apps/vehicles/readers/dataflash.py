@@ -1,7 +1,7 @@
 r"""ArduPilot's DataFlash logs, ``.bin`` or turned into text as ``.log``: every compass, with further columns.
 
-A vehicle logs corrected readings, m = I ((r + OFS) SCALE) + MOT x, in whole mG and in its own axes, each with OFS and
-MOT x. The raw reading is
+A vehicle logs corrected readings, m = I ((r + OFS) SCALE) + MOT x, in whole mG and in its own axes. OFS and MOT x are
+logged with each reading. The raw reading is
 
     r = I⁻¹ (m − MOT x) / SCALE − OFS
 
@@ -85,13 +85,13 @@ if TYPE_CHECKING:
 COMPASS_NAMES: Final = ("MAG", "MAG2", "MAG3")
 """Messages of compasses: all in MAG with an instance I, or, in older logs, one name each."""
 QUATERNIONS: Final = ("XKQ", "XKQ1", "NKQ", "NKQ1")
-"""Messages with the attitude of the estimator: of EKF 3 and EKF 2, in older logs one name a core."""
+"""Messages with the attitude of the estimator: of EKF 3 and of EKF 2. In older logs each core has a name of its own."""
 ANGLES: Final = ("ATT", "AHR2")
 """Messages with roll, pitch and yaw in degrees, of the estimator in use and of the second one."""
 PRIMARY: Final = {"XKQ": "XKF4", "NKQ": "NKF4"}
 """Messages with the core in use, by the message of each estimator's quaternion."""
 THROTTLE_LABELS: Final = {"CTUN": ("ThO", "ThrOut"), "THR": ("ThrOut",)}
-"""Messages with the throttle of the motors, and its labels."""
+"""Messages with the throttle of the motors, and the labels that it may have there."""
 CONTROLLERS: Final = ("ESC", *(f"ESC{number}" for number in range(1, 9)))
 """Messages of speed controllers: of all in ESC with an instance, or, in older logs, one name each."""
 OUTPUTS: Final = "RCOU"
@@ -99,34 +99,40 @@ OUTPUTS: Final = "RCOU"
 MOTOR_FUNCTIONS: Final = {float(code): place for place, code in enumerate((*range(33, 41), *range(82, 86)))}
 """Number of a motor, from 0, by ``SERVOn_FUNCTION`` of the output that drives it."""
 PULSES_US: Final = (1000.0, 2000.0)
-"""Pulse widths of no and full throttle, by default of ``MOT_PWM_MIN`` and ``MOT_PWM_MAX``."""
+"""Pulse widths of zero and full throttle: defaults of ``MOT_PWM_MIN`` and ``MOT_PWM_MAX``."""
 NO_PULSE_US: Final = 500.0
-"""Smaller widths mean that there was no pulse."""
+"""Smallest width of a pulse; a smaller number means that there was no pulse."""
 WANTED: Final = (
     *COMPASS_NAMES, "IMU", "BAT", "CURR", "PARM", "GPS", "POS", "ORGN", "MSG", *QUATERNIONS, *ANGLES,
     *PRIMARY.values(), *THROTTLE_LABELS, *CONTROLLERS, OUTPUTS,
 )  # fmt: skip
 DESCRIPTION: Final = re.compile(rb"^FMT\s*,\s*\d+\s*,\s*\d+\s*,\s*\w+\s*,", re.MULTILINE)
-"""Matches a line of a text log that describes a message."""
+"""Pattern of a line of a text log that describes a message."""
 
 FIELD_NAME: Final = re.compile(r"(?P<message>[A-Z][A-Z0-9]*)(?:\[(?P<instance>\d+)\])?\.(?P<field>\w+)", re.IGNORECASE)
-"""Matches the name of a field: message, optional instance, label."""
+"""Pattern of the name of a field: message, optional instance, label."""
 
 MAX_SKIPPED_SHARE: Final = 0.5
 """Largest share of bytes outside messages; a log with more is refused."""
 
 MIN_FIX: Final = 3
-"""Least GPS.Status with a position."""
+"""Smallest GPS.Status with a position."""
 LAST_WEEK, WEEK_MS = 10_000, 604_800_000
 """Last valid GPS week (year 2171), and milliseconds of a week."""
 GPS_EPOCH: Final = datetime(1980, 1, 6, tzinfo=UTC)
 LEAPS: Final = ((datetime(2017, 1, 1, tzinfo=UTC), 18), (datetime(2015, 7, 1, tzinfo=UTC), 17))
-"""Days from which GPS time is ahead of UTC by so many seconds; earlier, by `EARLIER_LEAP` (since July 2012)."""
+"""Dates, each with the seconds by which GPS time is ahead of UTC from that date on.
+
+Before the earliest date, since July 2012, it is `EARLIER_LEAP`.
+"""
 EARLIER_LEAP: Final = 16
 MAX_MOTORS: Final = 32
 UNITY, PER_CENT, PER_MILLE = 1.0, 0.01, 0.001
 THROTTLE_FACTORS: Final = ((1.5, UNITY), (150.0, PER_CENT), (np.inf, PER_MILLE))
-"""Largest throttle of a log, and the factor to a share: logs do not state share, per cent or per mille."""
+"""Limits of the largest throttle in a log, each with the factor to a share.
+
+Logs do not state whether a throttle is a share, per cent or per mille.
+"""
 
 
 def open_dataflash(file: File) -> Log:
@@ -218,14 +224,14 @@ class _Compass:
     """Messages of a compass, and the parameters that corrected them."""
 
     source: str
-    mag: Table  # its messages
+    mag: Table  # messages of the compass
     stage: NDArray[np.intp]  # (N,): stage of the parameters in force at each
     parameters: dict[int, ArduPilotParameters]  # by stage
     auxiliary: Mapping[str, Series]
 
     @cached_property
     def offsets(self) -> Floats:
-        """(N, 3) OFS of each reading, mG: the parameter if the message holds its whole part, else the message."""
+        """(N, 3) OFS of each reading, mG: the parameter if it truncates to the logged number, else that number."""
         offsets = self.mag.triple("Ofs")
         if offsets is None:
             return np.array([self.parameters[each].offset for each in self.stage]).reshape(-1, 3)
@@ -242,16 +248,16 @@ class _Compass:
 
     @property
     def in_force(self) -> ArduPilotParameters:
-        """Parameters of the last reading."""
+        """Parameters in force at the last reading."""
         return replace(self.parameters[int(self.stage[-1])], offset=self.offsets[-1])
 
     @property
     def changes(self) -> int:
-        """Number of changes of the parameters between readings."""
+        """Number of readings before which the parameters changed."""
         return int(np.count_nonzero(np.any(np.diff(self.offsets, axis=0), axis=1) | (np.diff(self.stage) > 0)))
 
     def columns(self, as_logged: bool) -> Iterator[Samples]:
-        """Go through the readings; see `Instrument`."""
+        """Yield the readings in blocks, raw or as logged; see `Instrument`."""
         time, logged = self.mag.seconds, self.mag.triple("Mag")
         assert logged is not None
         centred = {each: replace(own, offset=np.zeros(3)) for each, own in self.parameters.items()}
@@ -273,9 +279,9 @@ class _Compass:
 def _instrument(
     file: File, name: str, number: int, mag: Table, changes: Stages, auxiliary: Mapping[str, Series]
 ) -> Instrument:
-    """Make an instrument of a compass."""
+    """Make an `Instrument` from the messages of a compass."""
     ill = 0
-    if mag.has("Health"):  # leave out readings logged without an answer of the compass, unless all are
+    if mag.has("Health"):  # leaves out readings that were logged without an answer of the compass, unless all were
         well = mag.column("Health") != 0
         mag, ill = (mag.only(well), int((~well).sum())) if well.any() else (mag, 0)
     stage, known = stage_of(mag.where, changes), number in COMPASSES
@@ -357,7 +363,7 @@ def _timed_table(messages: Messages, name: str) -> Table | None:
 
 
 def _series(table: Table, values: Floats | None, kind: type[TimeSeries] = TimeSeries) -> TimeSeries | None:
-    """Values at the times of their messages; a series of NaN if no value is finite."""
+    """Series of values at the times of their messages; None without values, NaN if no value is finite."""
     seconds = table.seconds
     if values is None or seconds is None or not len(seconds):
         return None
@@ -454,9 +460,9 @@ def _primary_core(quaternions: Table, state: Table | None) -> Table:
 
 
 def named_series(file: File, names: Sequence[str]) -> tuple[dict[str, TimeSeries], list[str]]:
-    """Series of fields named as ``BAT.Curr`` or, of instance 1, ``BAT[1].Curr``; and names of existing fields.
+    """Series of fields by name, such as ``BAT.Curr``, and the names of all fields of their messages.
 
-    Without an instance, the first one.
+    ``BAT[1].Curr`` is the field of instance 1; without a number, it is that of the first instance.
     """
     wanted = {name: match for name in names if (match := FIELD_NAME.fullmatch(name))}
     messages = _messages(file, {match["message"] for match in wanted.values()})
@@ -479,7 +485,7 @@ def named_series(file: File, names: Sequence[str]) -> tuple[dict[str, TimeSeries
 
 
 def _position(messages: Messages) -> Position | None:
-    """Place of the log: the origin of its navigation, else its first position, else its first fix."""
+    """Place of the log: origin of the navigation, else first position of the estimator, else first fix."""
     for name in ("ORGN", "POS", "GPS"):
         table = messages.get(name)
         if table is None or not table.has("Lat", "Lng"):

@@ -48,7 +48,7 @@ IN_NAMES: Final = np.array([byte == 0 or (chr(byte).isalnum() and byte < 128) fo
 MAX_MESSAGE_BYTES: Final = 255
 """Largest message in bytes: its length is one byte."""
 CHUNK: Final = 4 << 20
-"""Bytes to process at a time."""
+"""Number of bytes that are processed at a time."""
 
 LETTERS: Final[dict[str, tuple[str, float]]] = {
     "b": ("<i1", 1), "B": ("<u1", 1), "h": ("<i2", 1), "H": ("<u2", 1), "i": ("<i4", 1), "I": ("<u4", 1),
@@ -56,7 +56,7 @@ LETTERS: Final[dict[str, tuple[str, float]]] = {
     "c": ("<i2", 0.01), "C": ("<u2", 0.01), "e": ("<i4", 0.01), "E": ("<u4", 0.01), "L": ("<i4", 1e-7),
     "n": ("S4", 1), "N": ("S16", 1), "Z": ("S64", 1), "a": ("V64", 1),
 }  # fmt: skip
-"""Packing of each letter of a format, and its factor."""
+"""NumPy type of each letter of a format, and the factor of its values."""
 KINDS: Final = {letter: np.dtype(kind) for letter, (kind, _) in LETTERS.items()}
 CHARACTERS, WHOLE = "nNZa", "bBhHiIqQM"
 """Letters of text fields, and of integer fields."""
@@ -95,10 +95,10 @@ class Field(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Table:
-    """Messages of one name."""
+    """Messages of one name, as columns of fields."""
 
     fields: dict[str, Field]  # by label
-    where: Places  # (N,) int64: first byte or line of each; ascending
+    where: Places  # (N,) int64: first byte of each message, or its line in a text log; ascending
 
     @classmethod
     def from_bytes(cls, raw: Bytes, format: Format, where: Places) -> Table:
@@ -176,9 +176,9 @@ class Messages:
     """Wanted messages of a log, and the amount of unreadable data."""
 
     tables: dict[str, Table]  # by name; only names with at least one message
-    skipped: int = 0  # bytes or lines outside messages; `gaps` is the number of such places
-    gaps: int = 0
-    is_text: bool = False  # the log is text: places are lines
+    skipped: int = 0  # number of bytes or lines outside messages
+    gaps: int = 0  # number of places with such bytes or lines
+    is_text: bool = False  # whether the log is text; then places are lines, not bytes
 
     def __getitem__(self, name: str) -> Table:
         return self.tables[name]
@@ -191,7 +191,7 @@ class Messages:
 def read_packed(raw: Bytes, wanted: Collection[str]) -> Messages:
     """Find the messages of some names in a binary log.
 
-    `raw`: (size,) uint8, the log; a memory map is gone through `CHUNK` by `CHUNK`; `wanted`: collection of str, names.
+    `raw` is the log as (size,) uint8, read `CHUNK` bytes at a time, as it may be a memory map; `wanted` are the names.
     """
     formats = {FMT_TYPE: Format(FMT_TYPE, FMT_LENGTH, "FMT", "BBnNZ", ("Type", "Length", "Name", "Format", "Columns"))}
     lengths = np.zeros(256, np.int64)
@@ -221,13 +221,13 @@ class _Segment(NamedTuple):
     """A part of a log, and the places where messages might begin."""
 
     raw: Bytes  # (size,) uint8: the whole log
-    at: int  # bounds of the part, in bytes; `window` extends a few messages further
-    stop: int
+    at: int  # first byte of the part
+    stop: int  # end of the part in bytes; messages that begin before it may end after it
     headers: Places  # (N,) int64: places of the two header bytes, relative to `at`
 
     @classmethod
     def of(cls, raw: Bytes, at: int, stop: int) -> _Segment:
-        """Find the two bytes that begin a message."""
+        """Find the places in a part of a log where the two bytes of a header are, and messages may begin."""
         window = raw[at : stop + MAX_MESSAGE_BYTES + HEADER_SIZE]
         first = np.flatnonzero(window[:-2] == HEADER[0])
         return cls(raw, at, stop, first[window[first + 1] == HEADER[1]])
@@ -242,10 +242,10 @@ class _Segment(NamedTuple):
                 yield each
 
     def follow(self, lengths: Places) -> tuple[Places, int, int]:
-        """Go from message to message by their lengths; after damage, resume at two consecutive messages.
+        """Follow messages by their lengths; after damage, continue where two messages follow each other.
 
-        `lengths`: (256,) int64, message length of each type; 0 if unknown. Returns (M,) int64 first bytes of the
-        messages; the first byte of the next part; the number of places with skipped bytes.
+        `lengths` are the (256,) int64 message lengths by type, 0 for an unknown type. Returns the (M,) int64 first
+        bytes of the messages, the first byte of the next part, and the number of places with skipped bytes.
         """
         count, end = len(self.headers), len(self.raw) - self.at
         steps = lengths[self.raw[self.at + self.headers + 2]]
@@ -283,7 +283,7 @@ class _Segment(NamedTuple):
 def read_text(lines: Iterable[tuple[int, str]], wanted: Collection[str]) -> Messages:
     """Find the messages of some names in a text log.
 
-    `lines`: numbers and texts, ``MAG, 11477, 217, 4, -586``; `wanted`: collection of str, names.
+    `lines` are line numbers and texts such as ``MAG, 11477, 217, 4, -586``; `wanted` are the names.
     """
     formats: dict[str, Format] = {}
     columns: dict[str, list[Any]] = {}
@@ -332,7 +332,7 @@ def _format(packed: bytes) -> Format | None:
 
 
 def _text_format(rest: str) -> Format | None:
-    """Read ``128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns``."""
+    """Read an FMT line of a text log, such as ``128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns``."""
     parts = [part.strip() for part in rest.split(",")]
     if len(parts) < 4 or not (parts[0].isdecimal() and parts[1].isdecimal()):
         return None
@@ -345,7 +345,7 @@ def _holder(letter: str) -> Any:  # noqa: ANN401 - an array of numbers, or a lis
 
 
 def _cells(rest: str, format: Format) -> list[Any] | None:
-    """Values of a line; None if too few or not numbers. A text at the end may hold commas."""
+    """Values of a line; None if they are too few, or not numbers. A text at the end of the line may contain commas."""
     parts = rest.split(",", len(format.labels) - 1)
     if len(parts) < len(format.labels):
         return None

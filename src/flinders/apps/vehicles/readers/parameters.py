@@ -1,4 +1,4 @@
-"""Parameters of a vehicle in its log: the stages in which they were in force, and readings without their correction.
+"""Parameters of a vehicle in its log: stages of constant parameters, and readings with their correction removed.
 
 >>> entries = [(10, "COMPASS_OFS_X", -90.0), (20, "COMPASS_OFS_X", -95.0), (30, "COMPASS_OFS_X", -95.0)]
 >>> in_force = stages(entries, ("COMPASS",), "flight.bin")
@@ -29,14 +29,14 @@ if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
 
 Stages: TypeAlias = "Sequence[tuple[float, Mapping[str, float]]]"
-"""Start of each stage, a place or time of the log, and the parameters in force from then; the first is −inf."""
+"""Start of each stage, as a place or time of the log, and the parameters in force from there; the first is at −inf."""
 
 IN_VEHICLE_AXES: Final = ("vehicle", "vehicle")
 """`Instrument.frames` of a compass of ArduPilot: raw and corrected readings are in the vehicle's axes."""
 ARDUPILOT: Final = ("COMPASS", "AHRS_ORIENTATION", "AHRS_EKF_TYPE", "CUST_ROT")
 """Prefixes of the relevant parameters of ArduPilot."""
 MAX_CHANGES: Final = 1000
-"""Most changes of compass parameters in one log; a calibration makes about twelve."""
+"""Largest number of changes of compass parameters in one log; a calibration makes about twelve."""
 
 
 def stages(
@@ -44,7 +44,8 @@ def stages(
 ) -> Stages:
     """Split a log into stages of constant parameters.
 
-    A vehicle writes its parameters in the first seconds of a log; the first value of each counts from the beginning.
+    A vehicle writes its parameters in the first seconds of a log. The first value of each parameter holds from the
+    beginning of the log.
 
     Raises `UnreadableInput` for more than `MAX_CHANGES`.
 
@@ -57,7 +58,7 @@ def stages(
     source : str
         Name of the log in messages.
     together : float
-        Changes within this time of the start of a stage belong to it.
+        Changes within this time after the start of a stage belong to the stage.
     """
     changes: list[tuple[float, dict[str, float]]] = [(-np.inf, {})]
     for place, name, value in entries:
@@ -91,7 +92,7 @@ def unapply_stages(
     parameters: Mapping[int, ArduPilotParameters] | Sequence[Px4Parameters],
     **columns: Floats,
 ) -> Floats:
-    """(N, 3) raw readings of a compass: each without the correction of its stage.
+    """(N, 3) raw readings of a compass: the correction of its stage is removed from each reading.
 
     `columns`, (N, …), are further arguments of `unapply`. Raises `ArrayError` if a correction cannot be inverted.
     """
@@ -112,14 +113,14 @@ def unapply_stages(
 
 
 def stored_correction(parameters: ArduPilotParameters, *, changes: int = 0) -> Stored | None:
-    """Correction of the last readings; None for the identity."""
+    """Correction that a compass of ArduPilot stores, as at its last reading; None if it corrects nothing."""
     if parameters.is_identity:
         return None
     return Stored(onboard(parameters), parameters.words(), changes=changes)
 
 
 def onboard(parameters: CompassParameters) -> Calibration | None:
-    """Calibration equal to some parameters; None if their matrix is singular."""
+    """Calibration that corrects as some parameters do; None if their matrix is singular."""
     try:
         return parameters.to_calibration(USUAL_STRENGTH_UT)
     except ArrayError:

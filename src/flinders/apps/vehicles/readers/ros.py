@@ -1,21 +1,21 @@
 """ROS recordings, read with rosbags: bags of ROS 1 (``.bag``), folders and databases of ROS 2 (``.db3``), MCAP.
 
-Each topic of ``sensor_msgs/MagneticField`` is a magnetometer, in **tesla** (REP-103 wants SI units; some drivers write
-gauss or microtesla all the same, which the length of the readings shows; a unit given by the user takes precedence).
-Axes that a sensor lacks are NaN: such rows are left out and counted. Old drivers wrote a
-``geometry_msgs/Vector3Stamped``, without a unit: it counts as a magnetometer if its topic names one, with readings in
-counts unless the user gives a unit.
+Each topic of ``sensor_msgs/MagneticField`` is a magnetometer, in **tesla** as REP-103 wants. Some drivers write gauss
+or microtesla all the same, which the length of the readings shows; a unit given by the user takes precedence. Axes that
+a sensor lacks are NaN: such rows are left out and counted. Old drivers wrote a ``geometry_msgs/Vector3Stamped``, which
+has no unit. It counts as a magnetometer if the name of its topic says so, with readings in counts unless the user gives
+a unit.
 
 Velocity over ground is a ``geometry_msgs/TwistStamped`` or ``TwistWithCovarianceStamped`` of satellites: x east and
 y north, on the topic ``vel`` or one that names GPS, GNSS or the fix. Other topics are velocities of wheels or commands.
 
 A reading has acceleration and rate of the ``sensor_msgs/Imu`` in the same frame, and the temperature of a
-``sensor_msgs/Temperature`` in it. Axes stay those of the frame that the messages name. A body in ROS is forward, left,
-up (REP-103), which ``--axes x,-y,-z`` makes forward, right, down. Acceleration is specific force: at rest +g along an
-axis that points up, and −g along a z that points down.
+``sensor_msgs/Temperature`` in that frame. Axes stay those of the frame that the messages name. The axes of a body in
+ROS are forward, left, up (REP-103); ``--axes x,-y,-z`` makes them forward, right, down. Acceleration is specific force:
+at rest it is +g along an axis that points up, and −g along one that points down.
 
-Times are those of the messages' headers, in seconds since the first reading, or since the start of the clock if that is
-not 1970; for a header without time, the time of recording.
+Times are those of the messages' headers; a header without time gets the time of recording. They count in seconds from
+the first reading, or from the start of the clock if the clock does not count from 1970.
 
 Only whole recordings are read: a damaged one is refused with the command that may repair it. Types are those that the
 recording defines (ROS 1, MCAP), else those of ROS 2 Humble. Compressed data is unpacked up to `MAX_CHUNK_BYTES` bytes
@@ -82,15 +82,15 @@ FIELD, VECTOR = "sensor_msgs/msg/MagneticField", "geometry_msgs/msg/Vector3Stamp
 IMU, TEMPERATURE, PLACE = "sensor_msgs/msg/Imu", "sensor_msgs/msg/Temperature", "sensor_msgs/msg/NavSatFix"
 TWIST, TWIST_WITH_COVARIANCE = "geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/TwistWithCovarianceStamped"
 NAMES_MAGNETOMETER: Final = re.compile(r"(?:^|[/_])(?:mag|compass)", re.IGNORECASE)
-"""Matches the topic of a vector that counts as a magnetometer."""
+"""Pattern of the name of a vector's topic that counts as a magnetometer."""
 NAMES_SATELLITES: Final = re.compile(r"(?:^|[/_])(?:gps|gnss|navsat|fix)(?:[/_]|$)|(?:^|/)vel$", re.IGNORECASE)
-"""Matches the topic of a velocity over ground from a satellite receiver."""
+"""Pattern of the name of a topic with the velocity over ground of a satellite receiver."""
 IDENTIFIER: Final = re.compile(r"[A-Za-z]\w*", re.ASCII)
-"""Matches names of types and fields in ROS."""
+"""Pattern of the names of types and fields in ROS."""
 Topics: TypeAlias = "_Topics | Fields"
-"""Collector of the messages that it selects."""
+"""Collector of messages, which also selects them."""
 MIN_FIX: Final = 0
-"""``NavSatStatus.STATUS_FIX``."""
+"""Smallest status of a fix: ``NavSatStatus.STATUS_FIX``."""
 
 
 def open_ros(file: File, *, unit: str | None = None) -> Log:
@@ -138,7 +138,7 @@ def open_ros(file: File, *, unit: str | None = None) -> Log:
 def named_series(
     file: File, start: bytes | None, since: int, names: Sequence[str]
 ) -> tuple[dict[str, TimeSeries], list[str]]:
-    """Series of fields named as ``/battery.current``, and the names of the fields of their topics."""
+    """Series of fields by name, such as ``/battery.current``, and the names of all fields of their topics."""
     fields = Fields.of(file.name, names, _raw_decoder(start == BAG), is_first=start == BAG)
     if fields.paths:
         _read(file, start, fields)
@@ -146,7 +146,7 @@ def named_series(
 
 
 def _raw_decoder(is_first: bool) -> Callable[[Any], Callable[[bytes, str], Any]]:
-    """Return a decoder factory that leaves messages raw."""
+    """Return a function from a connection to the decoder of its messages."""
 
     def decoder(connection: Any) -> Callable[[bytes, str], Any]:  # noqa: ANN401 - rosbags' types are its own
         store = _typestore(connection.msgdef, connection.msgtype)
@@ -156,7 +156,7 @@ def _raw_decoder(is_first: bool) -> Callable[[Any], Callable[[bytes, str], Any]]
 
 
 def _read(file: File, start: bytes | None, topics: Topics) -> None:
-    """Read the selected topics of a recording, a file by its first bytes or a folder."""
+    """Read the selected topics of a recording: of a folder, or of a file whose first bytes are `start`."""
     with parser_errors(file.name, KIND, advice=_advice(file.path, start)):
         if start is None:
             _read_folder(file, topics)
@@ -197,7 +197,7 @@ def _read_bag(path: Path, topics: Topics) -> tuple[int, int]:
     from rosbags.rosbag1 import Reader as FirstReader
 
     class BoundedReader(FirstReader):
-        """Refuse an index that is longer than the file, as when chunks share one."""
+        """Reader of a bag that refuses an index longer than the file, which damaged chunks may share."""
 
         indexed = 0
 
@@ -276,7 +276,10 @@ def _about(file: File, topics: _Topics) -> Iterator[str]:
 
 @contextmanager
 def _suffixed_path(path: Path, suffix: str) -> Iterator[Path]:
-    """Yield the path, or a link to it with the suffix that rosbags requires and no special characters of a URI."""
+    """Yield a path that rosbags accepts: with the suffix that it requires, and without special characters of a URI.
+
+    It is the path itself, or else a link to it.
+    """
     if not suffix or (path.suffix == suffix and not set("?#%") & set(str(path))):
         yield path
         return
@@ -323,7 +326,7 @@ def _small_messages(messages: Callable[..., Iterator[Any]], *asked: object) -> I
 
 @dataclass(slots=True, eq=False)
 class _Topic:
-    """Messages of one topic."""
+    """Messages of one topic, as columns."""
 
     name: str
     kind: str
@@ -334,7 +337,7 @@ class _Topic:
 
     @property
     def is_magnetometer(self) -> bool:
-        """Whether its messages are readings of a magnetometer."""
+        """Whether the messages of the topic are readings of a magnetometer."""
         return self.kind in (FIELD, VECTOR)
 
     def add(self, recorded: int, message: Any) -> None:  # noqa: ANN401
@@ -354,7 +357,7 @@ class _Topic:
 
     @property
     def table(self) -> Floats:
-        """(N, k)."""
+        """(N, k) values: a row for each message."""
         return np.asarray(self.values, np.float64).reshape(len(self.stamps), -1)
 
 
@@ -381,7 +384,7 @@ _NUMBERS: Final[dict[str, Callable[[Any], tuple[float, ...]]]] = {
     TWIST: lambda message: (message.twist.linear.y, message.twist.linear.x),
     TWIST_WITH_COVARIANCE: lambda message: (message.twist.twist.linear.y, message.twist.twist.linear.x),
 }
-"""Numbers to take from a message of each kind."""
+"""Functions that return the numbers of a message, by kind."""
 
 
 @dataclass(slots=True, eq=False)
@@ -407,7 +410,7 @@ class _Topics:
         message = self._decoders[connection.id](packed, connection.msgtype)
         try:
             topic.add(recorded, message)
-        except (AttributeError, TypeError) as error:  # its fields are those that the recording defines
+        except (AttributeError, TypeError) as error:  # the recording defines the fields of its messages
             raise ValueError(f"{connection.msgtype} has an unexpected definition: {error}") from None
 
     def _decoder(self, connection: Any) -> Callable[[bytes, str], Any]:  # noqa: ANN401
@@ -426,7 +429,7 @@ class _Topics:
 
 
 def _is_wanted(connection: Any) -> bool:  # noqa: ANN401 - rosbags' types are its own
-    """Whether a topic is a magnetometer, or a sensor whose columns go with one."""
+    """Whether a topic is a magnetometer, or a sensor whose values accompany a magnetometer's."""
     if connection.msgtype == VECTOR:
         return NAMES_MAGNETOMETER.search(connection.topic) is not None
     if connection.msgtype in (TWIST, TWIST_WITH_COVARIANCE):
@@ -436,7 +439,7 @@ def _is_wanted(connection: Any) -> bool:  # noqa: ANN401 - rosbags' types are it
 
 @lru_cache(maxsize=32)
 def _typestore(definition: MessageDefinition, name: str) -> Typestore:
-    """Types of a message; decoders are compiled once per definition, for all topics and recordings."""
+    """Store of the types in a message definition; decoders are compiled once for all topics and recordings."""
     from rosbags.interfaces import MessageDefinitionFormat
     from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
@@ -468,7 +471,7 @@ def checked_types(types: dict[str, Any]) -> dict[str, Any]:
 def _columns(
     source: str, unit: Unit, time: Floats, field: Floats, auxiliary: Mapping[str, TimeSeries | None], _: bool
 ) -> Iterator[Samples]:
-    """Return a function that yields raw readings of a magnetometer with the series of sensors in its frame."""
+    """Yield raw readings of a magnetometer, with the series of the sensors in its frame."""
 
     def rows(part: slice) -> dict[str, Any]:
         return {"field": field[part], "time": time[part], **resample(auxiliary, time[part])}

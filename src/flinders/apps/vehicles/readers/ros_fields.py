@@ -1,7 +1,7 @@
 """Numbers in any message of a ROS recording, by topic and path of a field.
 
-``/battery.current`` is ``current`` of ``sensor_msgs/BatteryState``; ``/odom.twist.twist.linear.x`` the speed of a
-``nav_msgs/Odometry``; ``/servos.data[2]`` one of several numbers. A joint of
+Examples: ``/battery.current`` is ``current`` of a ``sensor_msgs/BatteryState``, ``/odom.twist.twist.linear.x`` the
+speed of a ``nav_msgs/Odometry``, and ``/servos.data[2]`` the third of several numbers. A joint of a
 ``sensor_msgs/JointState`` has a name: ``/joint_states.wheel_left.velocity``, likewise ``position`` and ``effort``.
 Names of joints may have points, names of topics have none. A joint's name takes precedence over a path.
 
@@ -30,11 +30,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
 OF_A_JOINT: Final = ("position", "velocity", "effort")
-"""Lists of ``sensor_msgs/JointState``, one number a joint; each may be empty."""
+"""Lists of ``sensor_msgs/JointState`` with a number for each joint; each list may be empty."""
 STEP: Final = re.compile(r"([A-Za-z]\w*)(?:\[(\d+)\])?", re.ASCII)
-"""Matches a step of a path: a field, and the index in a list."""
+"""Pattern of one step of a path: a field, and the index in a list."""
 MAX_LISTED_FIELDS: Final = 200
-"""Most fields that an error lists."""
+"""Largest number of fields that an error lists."""
 
 
 @dataclass(slots=True, eq=False)
@@ -46,8 +46,8 @@ class Fields:
     decoder: Callable[[Any], Callable[[bytes, str], Any]]  # of a connection
     paths: dict[str, tuple[str, str]]  # topic and path, by the wanted name
     is_undefined: bool = False
-    there: list[str] = field(default_factory=list)  # all fields of the wanted topics
-    stamps: dict[str, array[int]] = field(default_factory=dict)  # ns, by name
+    there: list[str] = field(default_factory=list)  # names of all fields of the wanted topics
+    stamps: dict[str, array[int]] = field(default_factory=dict)  # times in ns, by name
     values: dict[str, array[float]] = field(default_factory=dict)
     _decoders: dict[int, Callable[[bytes, str], Any]] = field(default_factory=dict)
 
@@ -55,7 +55,7 @@ class Fields:
     def of(
         cls, source: str, names: Sequence[str], decoder: Callable[[Any], Callable[[bytes, str], Any]], *, is_first: bool
     ) -> Fields:
-        """Return a collector of fields by name."""
+        """Return a collector of the fields with some names."""
         split = {name: name.partition(".") for name in names}
         paths = {name: (topic, path) for name, (topic, _, path) in split.items() if path}
         return cls(source, is_first, decoder, paths)
@@ -111,7 +111,7 @@ def number(message: Any, path: str) -> float | None:  # noqa: ANN401
 
 
 def paths_of(message: Any, before: str = "") -> list[str]:  # noqa: ANN401
-    """Paths of the numbers of a message, at most as many as an error lists; a list is named by its first member.
+    """Paths of the numbers of a message, at most `MAX_LISTED_FIELDS`; of a list, the path of its first member.
 
     >>> from types import SimpleNamespace as Message
     >>> paths_of(Message(current=1.0, cells=[3.6, 3.7], pose=Message(x=0.0), name="pack"))

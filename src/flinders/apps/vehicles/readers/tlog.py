@@ -2,11 +2,11 @@
 
 RAW_IMU and SCALED_IMU hold the first compass of a vehicle, SCALED_IMU2 and SCALED_IMU3 the second and the third, in
 whole mG; HIGHRES_IMU holds the compass in use, in gauss. **ArduPilot puts corrected readings into all of
-them**, whatever RAW_IMU is called: its ``send_raw_imu`` and ``send_scaled_imu`` take ``compass.get_field``. They are
-un-applied with the parameters in the log, if the ground station fetched them (PARAM_VALUE) while logging; motor
-compensation with the current or the throttle that was sent. **PX4 puts vehicle_magnetometer into HIGHRES_IMU**, which
-is corrected with CAL_MAG less the estimator's in-flight estimate. It does not name the compass, so readings stay as
-sent. They stay as sent for other autopilots too, whose correction is unknown.
+them**, in spite of the name RAW_IMU: its ``send_raw_imu`` and ``send_scaled_imu`` take ``compass.get_field``. The
+correction is removed with the parameters in the log, if the ground station fetched them (PARAM_VALUE) while logging;
+motor compensation is removed with the current or the throttle that was sent. **PX4 puts vehicle_magnetometer into
+HIGHRES_IMU**, which is corrected with CAL_MAG less the estimator's in-flight estimate. The message does not name the
+compass, so its readings stay as sent. Readings of other autopilots, whose correction is unknown, stay as sent too.
 
 A reading has acceleration, rate, current (SYS_STATUS), throttle (VFR_HUD) and, for readings in the axes of the vehicle,
 its attitude (ATTITUDE_QUATERNION or ATTITUDE, the more frequent one). Speed and course over ground come from the
@@ -16,10 +16,9 @@ This module finds the packets; pymavlink unpacks them and checks their sums. Tim
 that of the ground station's clock.
 
 Sources: https://mavlink.io/en/messages/common.html for messages and units; PX4's
-``src/modules/mavlink/streams/HIGHRES_IMU.hpp``; that ArduPilot's ``send_highres_imu`` takes the same field as the
-others was not seen; https://mavlink.io/en/guide/serialization.html
-for packets; that a time of eight bytes, microseconds since 1970 with the highest byte first, stands before each packet
-was seen in what pymavlink and QGroundControl write.
+``src/modules/mavlink/streams/HIGHRES_IMU.hpp``; https://mavlink.io/en/guide/serialization.html for packets. Files of
+pymavlink and QGroundControl show that a time stands before each packet: eight bytes, microseconds since 1970, the
+highest byte first. It is **unverified** that ArduPilot's ``send_highres_imu`` takes the same field as the others.
 """
 
 from __future__ import annotations
@@ -71,7 +70,7 @@ SIGNATURE_SIZE: Final = 13
 EARLIEST_US, LATEST_US = 946_684_800_000_000, 4_102_444_800_000_000
 """Range of valid times of a packet: the years 2000 to 2100, in microseconds since 1970."""
 PACKET_START: Final = re.compile(rb"\x00[\x03-\x0e].{6}[\xfd\xfe]", re.DOTALL)
-"""Matches a valid time and the first byte of a packet."""
+"""Pattern of a valid time and the first byte of a packet."""
 
 HEARTBEAT, SYS_STATUS, PARAM_VALUE, RAW_IMU, GPS_RAW_INT, GLOBAL_POSITION_INT = 0, 1, 22, 27, 24, 33
 ATTITUDE, ATTITUDE_QUATERNION, VFR_HUD, HIGHRES_IMU = 30, 31, 74, 105
@@ -93,27 +92,27 @@ WANTED: Final = frozenset({
 MAG_UPDATED: Final = 0b1_1100_0000
 """Bits of HIGHRES_IMU.fields_updated for a new reading of the compass."""
 AN_ARDUPILOT, A_PX4 = 3, 12
-"""HEARTBEAT.autopilot."""
+"""Values of HEARTBEAT.autopilot for ArduPilot and PX4."""
 GROUND_STATION: Final = 6
-"""HEARTBEAT.type of a ground station."""
+"""Value of HEARTBEAT.type for a ground station."""
 FIX: Final = 3
 FIELDS: Final = ("xmag", "ymag", "zmag", "xacc", "yacc", "zacc", "xgyro", "ygyro", "zgyro", "temperature")
 PLACE, SINCE, CLOCK, MAG, ACC, GYRO, TEMPERATURE = 0, 1, 2, slice(3, 6), slice(6, 9), slice(9, 12), 12
 WIDTH: Final = 3 + len(FIELDS)
-"""Numbers per reading: place in the log, ground station's time (s since 1970), vehicle's time (s), and `FIELDS`."""
+"""Number of values of a reading: place in the log, times by ground station (s since 1970) and vehicle (s), `FIELDS`."""
 ATTITUDE_FIELDS: Final = {ATTITUDE_QUATERNION: ("q1", "q2", "q3", "q4"), ATTITUDE: ("roll", "pitch", "yaw")}
 """Fields of an attitude, kept after the two times: quaternion w, x, y, z, or angles in rad."""
 MAX_CLOCK_DIFFERENCE_S: Final = 1.0
-"""Seconds: two messages have one clock if their offsets from the ground station's clock differ by less."""
+"""Largest difference in s of the offsets of two messages from the ground station's clock, if they share a clock."""
 
 
 class Units(NamedTuple):
     """Units of the numbers in a message."""
 
     field: Unit
-    rate: float  # rad/s per unit of the message
-    temperature: float
-    in_mg: float  # mG, the unit of ArduPilot's parameters, per unit of the field
+    rate: float  # rad/s in one unit of the message
+    temperature: float  # °C in one unit of the message
+    in_mg: float  # mG, the unit of ArduPilot's parameters, in one unit of the field
 
 
 WHOLE: Final = Units(Unit.of("mG"), 1e-3, 0.01, 1.0)
@@ -173,7 +172,7 @@ class Packet(NamedTuple):
 
 
 def reading(number: int, message: Any) -> tuple[float, ...]:  # noqa: ANN401 - of a generated class
-    """Vehicle's time in s and `FIELDS` of a reading; empty if HIGHRES_IMU repeats the previous reading."""
+    """Time in s by the vehicle's clock, and `FIELDS`, of a reading; empty if HIGHRES_IMU repeats the previous one."""
     if number == HIGHRES_IMU and not message.fields_updated & MAG_UPDATED:
         return ()
     in_micros = number in (RAW_IMU, HIGHRES_IMU)
@@ -182,13 +181,13 @@ def reading(number: int, message: Any) -> tuple[float, ...]:  # noqa: ANN401 - o
 
 
 def _reading(packet: Packet, message: Any) -> tuple[float, ...]:  # noqa: ANN401
-    """`WIDTH` numbers of a reading."""
+    """Row of a reading: its `WIDTH` numbers; empty for a repeated reading."""
     own = reading(packet.message, message)
     return (packet.start, packet.since, *own) if own else ()
 
 
 def _attitude(packet: Packet, message: Any) -> tuple[float, ...]:  # noqa: ANN401
-    """Vehicle's time in s, ground station's time in s, and `ATTITUDE_FIELDS`."""
+    """Time in s by the vehicle's clock and by the ground station's clock, and `ATTITUDE_FIELDS`."""
     fields = (getattr(message, name) for name in ATTITUDE_FIELDS[packet.message])
     return (1e-3 * message.time_boot_ms, packet.since, *fields)
 
@@ -203,7 +202,7 @@ def _throttle(packet: Packet, message: Any) -> tuple[float, ...]:  # noqa: ANN40
 
 
 def _place(packet: Packet, message: Any) -> tuple[float, ...]:  # noqa: ANN401
-    """Degrees, metres, s since 1970, and m/s over ground (north, east); empty without a fix."""
+    """Position in degrees and m, time in s since 1970, and velocity in m/s north and east; empty without a fix."""
     if packet.message == GPS_RAW_INT and message.fix_type < FIX:
         return ()
     velocity = _satellite_velocity(message) if packet.message == GPS_RAW_INT else (0.01 * message.vx, 0.01 * message.vy)
@@ -233,18 +232,18 @@ class _Telemetry:
     """Rows, parameters and counts gathered from a log."""
 
     dialect: Any  # pymavlink's
-    # by system and number of the message: its rows, one after the other, see `ROWS`
+    # rows of each kind of message, one after the other (see `ROWS`), by system and number of the message
     rows: dict[tuple[int, int], array[float]] = field(default_factory=dict)
-    # by system: place, name and value of each parameter message
+    # place, name and value of each parameter message, by system
     parameters: dict[int, list[tuple[int, str, float]]] = field(default_factory=dict)
-    autopilots: dict[int, int] = field(default_factory=dict)  # by system
-    packets: int = 0  # all packets; those with a wrong sum; bytes outside packets, and the number of such places
-    broken: int = 0
-    skipped: int = 0
-    gaps: int = 0
+    autopilots: dict[int, int] = field(default_factory=dict)  # HEARTBEAT.autopilot, by system
+    packets: int = 0  # number of all packets
+    broken: int = 0  # number of packets with a wrong check sum
+    skipped: int = 0  # number of bytes outside packets
+    gaps: int = 0  # number of places with such bytes
 
     def gather(self, content: mmap.mmap) -> None:
-        """Go from packet to packet; after damaged bytes, to the next possible start."""
+        """Follow packets one by one; after damaged bytes, continue at the next possible start."""
         decoder, at = self.dialect.MAVLink(None), 0
         wrong = (self.dialect.MAVError, struct.error, ValueError, IndexError, KeyError, TypeError)
         while at < len(content):
@@ -260,12 +259,12 @@ class _Telemetry:
                     message = decoder.decode(bytearray(content[packet.start : packet.end]))
                 except wrong:
                     self.broken += 1
-                    at = packet.start  # the bytes in it may hold a packet
+                    at = packet.start  # a packet may begin within the broken one
                 else:
                     self.take(packet, message)
 
     def take(self, packet: Packet, message: Any) -> None:  # noqa: ANN401 - of a generated class
-        """Add the row of a message."""
+        """Add the row of a message to the rows of its kind, or a parameter to the parameters."""
         system, number = message.get_srcSystem(), packet.message
         if number in ROWS:
             if row := ROWS[number][0](packet, message):
@@ -280,7 +279,7 @@ class _Telemetry:
         return np.frombuffer(self.rows.get((system, number), array("d"))).reshape(-1, ROWS[number][1])
 
     def drives(self, system: int) -> dict[str, TimeSeries]:
-        """Current and throttle that were sent, by the ground station's clock."""
+        """Series of current and throttle that a system sent, timed by the ground station's clock."""
         battery, throttle = self.table(system, SYS_STATUS), self.table(system, VFR_HUD)
         drives = {
             CURRENT: TimeSeries.of(battery[:, 0], battery[:, 1:]) if battery[:, 1].any() else None,
@@ -330,7 +329,7 @@ class _Compass:
     attitude_by: int  # column of the table with the clock of the attitude
 
     def columns(self, as_logged: bool) -> Iterator[Samples]:
-        """Go through the readings; see `Instrument`."""
+        """Yield the readings in blocks, raw or as logged; see `Instrument`."""
         warm = self.table[:, TEMPERATURE].any()
 
         def rows(part: slice) -> dict[str, Any]:
@@ -353,7 +352,7 @@ class _Compass:
         return self.drives.get(kind) if parameters.has_disturbances else None
 
     def removable(self, parameters: ArduPilotParameters) -> ArduPilotParameters:
-        """Parameters that can be un-applied: no motor compensation if its current or throttle was not sent."""
+        """Parameters whose correction can be removed: without motor compensation if no current or throttle was sent."""
         stays = parameters.has_disturbances and self.drive(parameters) is None
         return replace(parameters, motor_by=OFF) if stays else parameters
 
@@ -461,7 +460,7 @@ def _damage(telemetry: _Telemetry, size: int) -> Iterator[str]:
 
 
 def _packet(content: bytes | mmap.mmap, at: int) -> Packet | None:
-    """Return the packet whose time begins here, or None."""
+    """Return the packet whose time begins at byte `at`; None if there is none."""
     head = content[at : at + TIME_SIZE + 10]
     since = int.from_bytes(head[:TIME_SIZE], "big")
     if len(head) < TIME_SIZE + 8 or not EARLIEST_US < since < LATEST_US:

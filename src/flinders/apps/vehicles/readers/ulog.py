@@ -1,9 +1,9 @@
 """PX4 logs (``.ulg``), read with pyulog.
 
-Three topics may hold a magnetometer, and each is offered if it holds more readings than the one before:
+Three topics may hold a magnetometer. Each is offered if it holds more readings than the topic above it in this list:
 
-- ``sensor_mag``, one instance a compass, in gauss and in the axes of the sensor. It is raw from version 1.12 on; up to
-    1.11 the driver had applied CAL_MAGn_SCALE and OFF to it, which is removed here.
+- ``sensor_mag``, one instance for each compass, in gauss and in the axes of the sensor. It is raw from version 1.12 on;
+    up to 1.11 the driver had applied CAL_MAGn_SCALE and OFF, which is removed here.
 - ``vehicle_magnetometer``: corrected and in the axes of the vehicle. The correction is removed with the parameters
     of the compass named in it, or in ``sensor_selection`` or CAL_MAG_PRIME. Not removed are the estimator's in-flight
     estimate, which versions from 1.13 on may subtract, and COMP, which needs throttle or current.
@@ -60,9 +60,9 @@ KIND: Final = "a PX4 ULog"
 MAGIC: Final = b"ULog\x01\x12\x35"
 SYNC: Final = b"\x2f\x73\x13\x20\x25\x0c\xbb\x12"
 HEADER: Final = 16
-"""Bytes before the first message."""
+"""Number of bytes before the first message."""
 TAIL: Final = 1 << 24
-"""Bytes at the end to search for the last mark; newer loggers write marks throughout."""
+"""Number of bytes at the end of a file that are searched for a sync mark; newer loggers write marks throughout."""
 GAUSS: Final = Unit.of("G")
 
 TOPICS: Final = (
@@ -73,7 +73,7 @@ TOPICS: Final = (
 """Topics to read; others are not loaded."""
 
 MIN_FIX: Final = 3
-"""Least ``fix_type`` of a position in three dimensions."""
+"""Smallest ``fix_type`` of a position in three dimensions."""
 INVALID_RELATIVE: Final = 0x7FFFFFFF
 """``magnetometer_timestamp_relative`` of a row without a magnetometer."""
 RAW_SINCE: Final = (1, 12)
@@ -81,13 +81,13 @@ RAW_SINCE: Final = (1, 12)
 MAX_CONTROLLERS, MAX_MOTORS = 8, 12
 """Lengths of the arrays in ``esc_status`` and ``actuator_motors``."""
 MAX_FIELDS: Final = 20_000
-"""Most columns of all topics together; more indicate a damaged file."""
+"""Largest number of columns of all topics together; more indicate a damaged file."""
 MAX_DEPTH: Final = 8
 """Deepest nesting of topics; PX4 has two levels."""
 CHANGE_WINDOW_S: Final = 1.0
-"""Seconds: changes of parameters within this time belong to one calibration on board."""
+"""Longest time in s between changes of parameters that belong to one calibration on board."""
 MIN_READINGS_RATIO: Final = 1.5
-"""Another topic is offered if it has at least this many times the readings of ``sensor_mag``."""
+"""Smallest ratio of the number of readings of another topic to that of ``sensor_mag``, if the topic is offered."""
 EARLIEST, LATEST = datetime(2000, 1, 1, tzinfo=UTC), datetime(2100, 1, 1, tzinfo=UTC)
 
 
@@ -124,7 +124,7 @@ def open_ulog(file: File) -> Log:
 
 
 class _Bounded(io.BufferedReader):
-    """A file with a limit on seeks: pyulog searches a damaged file byte by byte for valid messages."""
+    """A file with a limit on seeks, since pyulog searches a damaged file byte by byte for valid messages."""
 
     def __init__(self, raw: io.FileIO, name: str, size: int) -> None:
         super().__init__(raw, 1 << 16)
@@ -148,7 +148,7 @@ def _parse_log(pyulog: Any, file: File, topics: Sequence[str] = TOPICS) -> Any: 
 
 
 def _guarded_parser(ulog: type[Any]) -> type[Any]:
-    """Return a parser that refuses definitions which nest into too many columns, as it refuses damaged ones."""
+    """Return a parser that refuses nested definitions with too many columns in the way it refuses damaged ones."""
     left = MAX_FIELDS
     whole = ulog._MessageAddLogged  # the only class that creates columns
 
@@ -176,7 +176,7 @@ def _columns(name: str, formats: Mapping[str, Any], most: int, depth: int = 0) -
 
 
 def _end_of_message(file: File, filled: int) -> int:
-    """End of the message that holds the last byte before `filled`, found by following messages from a mark."""
+    """End of the message with the last byte before `filled`; messages are followed from the last sync mark on."""
     if file.size <= HEADER:
         return HEADER
     with file.mapped_bytes() as content:
@@ -251,7 +251,7 @@ def _stack(columns: Mapping[str, Any], *names: str) -> Floats:
 
 
 def _whole(values: Any) -> NDArray[np.int64]:  # noqa: ANN401 - a column of pyulog
-    """Values as integers; values that are none, as in a damaged log, become arbitrary integers."""
+    """Values as integers; values that are no integers, as in a damaged log, become arbitrary ones."""
     with np.errstate(invalid="ignore"):
         return np.asarray(values).astype(np.int64)
 
@@ -269,9 +269,9 @@ def _seconds(columns: Mapping[str, Any]) -> Floats:
 
 
 def _motion(topics: Topics, measured: str, change: str) -> TimeSeries | None:
-    """Columns of ``sensor_combined``, else the increments of ``vehicle_imu`` divided by their duration.
+    """Acceleration in m/s² or rate in rad/s, in the axes of the vehicle.
 
-    In m/s² or rad/s, in the axes of the vehicle.
+    It comes from ``sensor_combined``, else from the increments of ``vehicle_imu`` divided by their duration.
     """
     combined, imu = topics.get(("sensor_combined", 0)), topics.get(("vehicle_imu", 0))
     if combined is not None:
@@ -346,9 +346,9 @@ AUXILIARY: Final[Mapping[str, Callable[[Topics], TimeSeries | None]]] = {
 
 
 def named_series(file: File, names: Sequence[str]) -> tuple[dict[str, TimeSeries], list[str]]:
-    """Series of fields named as ``battery_status.current_a``, and the names of the fields of those topics.
+    """Series of fields by name, such as ``battery_status.current_a``, and the names of all fields of their topics.
 
-    For another instance than the first: ``battery_status[1].current_a``.
+    ``battery_status[1].current_a`` is the field of instance 1; without a number, it is that of instance 0.
     """
     parts = {name: name.partition(".") for name in names if "." in name}
     topics = {name: topic.partition("[") for name, (topic, _, _) in parts.items()}
@@ -374,7 +374,7 @@ def named_series(file: File, names: Sequence[str]) -> tuple[dict[str, TimeSeries
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Readings:
-    """Logged readings of one magnetometer, and the parameters to un-apply."""
+    """Logged readings of one magnetometer, and the parameters whose correction is removed."""
 
     flight: _Flight
     time: Floats  # (N,), s
@@ -387,7 +387,7 @@ class _Readings:
     temperature: Floats | None = None  # (N,), °C
 
     def columns(self, as_logged: bool) -> Iterator[Samples]:
-        """Go through the readings; see `Instrument`."""
+        """Yield the readings in blocks, raw or as logged; see `Instrument`."""
         turn = np.eye(3) if self.is_turned and as_logged else self.mounting
         back = None if turn is None else turn.T
         of_vehicle = () if turn is not None else (ACCELERATION, RATE, ATTITUDE)
@@ -410,7 +410,7 @@ class _Readings:
 
 
 def _sensor_mag(flight: _Flight) -> Iterator[Instrument]:
-    """Yield each compass; up to version 1.11 with its own calibration applied."""
+    """Yield each compass; up to version 1.11 the readings are corrected by the compass's own parameters."""
     for instance, columns in flight.instances("sensor_mag"):
         device = _device(columns)
         parameters = px4.of_device(flight.values, device)
@@ -428,7 +428,7 @@ def _sensor_mag(flight: _Flight) -> Iterator[Instrument]:
 
 
 def _vehicle_magnetometer(flight: _Flight) -> Iterator[Instrument]:
-    """Yield the compass in use, with the correction of the compass it came from."""
+    """Yield the compass in use; its readings are corrected by the parameters of the selected compass."""
     for instance, columns in flight.instances("vehicle_magnetometer"):
         readings = _Readings(flight, _seconds(columns), _three(columns, "magnetometer_ga"))
         yield _corrected_instrument(
@@ -449,7 +449,7 @@ def _sensor_combined(flight: _Flight) -> Iterator[Instrument]:
 
 
 def _corrected_instrument(name: str, readings: _Readings, device: int) -> Instrument:
-    """Instrument of corrected and turned readings; both are undone if the log names the compass."""
+    """Instrument of readings that PX4 corrected and turned; both are undone if the log names the compass."""
     parameters = px4.of_device(readings.flight.values, device)
     readings = replace(readings, is_turned=True, mounting=np.eye(3))
     if parameters is None:

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 TESLA: Final = 1.0 / PER_UNIT["T"]
 """Tesla in one microtesla."""
 LEVELS: Final[dict[Verdict, int]] = {"good": 0, "limited": 1, "refused": 2}
-"""``OK``, ``WARN`` and ``ERROR`` of ``diagnostic_msgs/DiagnosticStatus``."""
+"""Level of ``diagnostic_msgs/DiagnosticStatus`` for each verdict: ``OK``, ``WARN`` or ``ERROR``."""
 STATUS: Final = "flinders: magnetometer calibration"
 CORRECTED: Final = "/imu/mag_corrected"
 """Default topic of corrected readings."""
@@ -45,7 +45,7 @@ PERIOD_S: Final = 1.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CorrectedField:
-    """Corrected readings as ``sensor_msgs/MagneticField`` has them."""
+    """Corrected readings and their covariance, in the units of ``sensor_msgs/MagneticField``."""
 
     field: Floats  #: (N, 3) T, in the axes of the readings
     covariance: Floats  #: (N, 3, 3) T², about the same axes; zero if unknown, as the message defines
@@ -122,7 +122,7 @@ def _text(value: Any) -> str:  # noqa: ANN401 - a word or a number
 
 
 class CalibrationNews:
-    """Changes of an online calibration: its fit, at most one new a second, and its file when that is to be published.
+    """Output of an online calibration that is due: its fit, at most once a second, and the file of a new calibration.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ class CalibrationNews:
 
 
 def file_text(fit: Fit) -> str:
-    """A calibration file as text, as `Fit.save` writes it."""
+    """Text of the calibration file that `Fit.save` would write."""
     from flinders.core.calibration_file import dumps
     from flinders.fitting.result import document_of
 

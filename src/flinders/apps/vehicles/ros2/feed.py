@@ -1,8 +1,8 @@
 """A topic of ``sensor_msgs/MagneticField`` as a feed of readings, with an `Imu` topic if one is named.
 
-Readings are in **tesla**, as the message says, in the axes of the frame that its header names; times are those of the
-headers, from the first one on, or those of the publishers where a header has none. Acceleration and rate are those of
-the nearest `Imu` of the same frame.
+Readings are in **tesla**, as the message defines, in the axes of the frame that its header names. Times are those of
+the headers, counted from the first one; for a header without a time, that of publication. Acceleration and rate are
+those of the `Imu` message of the same frame that is nearest in time.
 """
 
 from __future__ import annotations
@@ -31,23 +31,23 @@ if TYPE_CHECKING:
 UNIT: Final = "T"
 SECOND_NS: Final = 1_000_000_000
 BATCH_S: Final = 0.03
-"""Seconds: readings that arrive within this time form one batch."""
+"""Time in s within which arriving readings form one batch."""
 SILENT_S: Final = 3.0  # Time without a reading after which advice is given
 MIN_REPEATS: Final = 100
-"""Equal readings in a row after which advice is given."""
-MIN_REPEAT_S: Final = 3.0  # Least duration of these readings
+"""Number of equal readings in a row after which advice is given."""
+MIN_REPEAT_S: Final = 3.0  # Shortest duration of equal readings after which advice is given
 MIN_ADVICE_READINGS: Final = 20
-"""Least number of readings for advice on their unit or on missing axes."""
+"""Smallest number of readings for advice on their unit or on missing axes."""
 MAX_MOTIONS: Final = 2000
-"""Most messages of an `Imu` kept for matching."""
+"""Largest number of `Imu` messages that are kept for matching."""
 MAX_APART_NS: Final = SECOND_NS // 10
 """Largest time difference of a reading and its `Imu` message, ns."""
 
 
 class Reading(NamedTuple):
-    """A message of the field with its time."""
+    """A message with a reading of the field, and its time."""
 
-    at_ns: int  # since 1970, or by the clock of the headers
+    at_ns: int  # time in ns, since 1970 or by the clock of the headers
     message: Any
 
 
@@ -58,9 +58,9 @@ class TopicFeed:
     ----------
     participant : Participant
     topic : str
-        Topic that has a publisher.
+        Topic of the readings, which has a publisher.
     imu_topic : str, optional
-        Of ``sensor_msgs/Imu`` in the same frame.
+        Topic of ``sensor_msgs/Imu`` in the same frame.
     unit : str, optional
         Unit that the driver writes in place of tesla.
 
@@ -122,7 +122,7 @@ class TopicFeed:
         return Reading(_stamp(message), message)
 
     def _samples(self) -> Samples:
-        """The newest readings."""
+        """Make `Samples` of the newest readings."""
         times = [reading.at_ns for reading in self.newest]
         self._since_ns = times[0] if self._since_ns is None else self._since_ns
         field = np.array([vector_of(reading.message.magnetic_field) for reading in self.newest])
@@ -223,7 +223,10 @@ class TopicFeed:
             )
 
     def _advise(self, kind: Kind, words: str, *, about: str = "") -> Iterator[FeedEvent]:
-        """Yield an event about a fault, once until the fault has ended; `about` identifies the fault."""
+        """Yield an event about a fault, unless it was yielded before and the fault has not ended since.
+
+        `about` identifies the fault.
+        """
         if (about or kind) not in self._advised:
             self._advised.add(about or kind)
             yield FeedEvent(kind, self._now(), words)
@@ -239,7 +242,7 @@ class _Motions:
         self._rows: deque[tuple[float, ...]] = deque(maxlen=MAX_MOTIONS)
 
     def add(self, messages: list[Any]) -> None:
-        """Add messages of the frame."""
+        """Add messages of the `Imu`; those of another frame are left out."""
         for message in messages:
             if not hasattr(message, "header"):
                 continue

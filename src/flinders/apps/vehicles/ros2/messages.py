@@ -15,7 +15,7 @@ from cyclonedds.idl import IdlStruct
 from cyclonedds.idl.annotations import autoid, final
 from cyclonedds.idl.types import array, byte, float64, int32, sequence, uint32
 
-if TYPE_CHECKING:  # mypy cannot resolve these types
+if TYPE_CHECKING:  # mypy cannot resolve the types of Cyclone DDS
     Nine = list[float]
 else:
     Nine = array[float64, 9]
@@ -29,7 +29,7 @@ def _nine() -> list[float]:
 @final
 @autoid("sequential")
 class Time_(IdlStruct, typename="builtin_interfaces.msg.dds_.Time_"):  # noqa: N801 - names of the wire
-    """``builtin_interfaces/Time``."""
+    """Message ``builtin_interfaces/Time``."""
 
     sec: int32 = 0
     nanosec: uint32 = 0
@@ -39,7 +39,7 @@ class Time_(IdlStruct, typename="builtin_interfaces.msg.dds_.Time_"):  # noqa: N
 @final
 @autoid("sequential")
 class Header_(IdlStruct, typename="std_msgs.msg.dds_.Header_"):  # noqa: N801
-    """``std_msgs/Header``."""
+    """Message ``std_msgs/Header``."""
 
     stamp: Time_ = field(default_factory=Time_)
     frame_id: str = ""
@@ -49,7 +49,7 @@ class Header_(IdlStruct, typename="std_msgs.msg.dds_.Header_"):  # noqa: N801
 @final
 @autoid("sequential")
 class Vector3_(IdlStruct, typename="geometry_msgs.msg.dds_.Vector3_"):  # noqa: N801
-    """``geometry_msgs/Vector3``."""
+    """Message ``geometry_msgs/Vector3``."""
 
     x: float64 = 0.0
     y: float64 = 0.0
@@ -60,7 +60,7 @@ class Vector3_(IdlStruct, typename="geometry_msgs.msg.dds_.Vector3_"):  # noqa: 
 @final
 @autoid("sequential")
 class Quaternion_(IdlStruct, typename="geometry_msgs.msg.dds_.Quaternion_"):  # noqa: N801
-    """``geometry_msgs/Quaternion``."""
+    """Message ``geometry_msgs/Quaternion``."""
 
     x: float64 = 0.0
     y: float64 = 0.0
@@ -72,7 +72,7 @@ class Quaternion_(IdlStruct, typename="geometry_msgs.msg.dds_.Quaternion_"):  # 
 @final
 @autoid("sequential")
 class MagneticField_(IdlStruct, typename="sensor_msgs.msg.dds_.MagneticField_"):  # noqa: N801
-    """``sensor_msgs/MagneticField``, in tesla."""
+    """Message ``sensor_msgs/MagneticField``, in tesla."""
 
     header: Header_ = field(default_factory=Header_)
     magnetic_field: Vector3_ = field(default_factory=Vector3_)
@@ -83,7 +83,7 @@ class MagneticField_(IdlStruct, typename="sensor_msgs.msg.dds_.MagneticField_"):
 @final
 @autoid("sequential")
 class Imu_(IdlStruct, typename="sensor_msgs.msg.dds_.Imu_"):  # noqa: N801
-    """``sensor_msgs/Imu``, in rad/s and m/s²."""
+    """Message ``sensor_msgs/Imu``, in rad/s and m/s²."""
 
     header: Header_ = field(default_factory=Header_)
     orientation: Quaternion_ = field(default_factory=Quaternion_)
@@ -98,7 +98,7 @@ class Imu_(IdlStruct, typename="sensor_msgs.msg.dds_.Imu_"):  # noqa: N801
 @final
 @autoid("sequential")
 class KeyValue_(IdlStruct, typename="diagnostic_msgs.msg.dds_.KeyValue_"):  # noqa: N801
-    """``diagnostic_msgs/KeyValue``."""
+    """Message ``diagnostic_msgs/KeyValue``."""
 
     key: str = ""
     value: str = ""
@@ -114,7 +114,7 @@ else:
 @final
 @autoid("sequential")
 class DiagnosticStatus_(IdlStruct, typename="diagnostic_msgs.msg.dds_.DiagnosticStatus_"):  # noqa: N801
-    """``diagnostic_msgs/DiagnosticStatus``."""
+    """Message ``diagnostic_msgs/DiagnosticStatus``."""
 
     level: byte = 0
     name: str = ""
@@ -133,7 +133,7 @@ else:
 @final
 @autoid("sequential")
 class DiagnosticArray_(IdlStruct, typename="diagnostic_msgs.msg.dds_.DiagnosticArray_"):  # noqa: N801
-    """``diagnostic_msgs/DiagnosticArray``."""
+    """Message ``diagnostic_msgs/DiagnosticArray``."""
 
     header: Header_ = field(default_factory=Header_)
     status: Statuses = field(default_factory=list)
@@ -143,7 +143,7 @@ class DiagnosticArray_(IdlStruct, typename="diagnostic_msgs.msg.dds_.DiagnosticA
 @final
 @autoid("sequential")
 class String_(IdlStruct, typename="std_msgs.msg.dds_.String_"):  # noqa: N801
-    """``std_msgs/String``."""
+    """Message ``std_msgs/String``."""
 
     data: str = ""
 

@@ -45,7 +45,7 @@ def full_name(topic: str) -> str:
 
 
 def dds_topic(topic: str) -> str:
-    """Name on the wire of a topic; raises as `full_name`."""
+    """Name of a topic on the wire; raises the errors of `full_name`."""
     return PREFIX + full_name(topic)
 
 
@@ -55,7 +55,7 @@ def ros_topic(name: str) -> str | None:
 
 
 def dds_type(kind: str) -> str:
-    """Name on the wire of a type ``package/msg/Name``."""
+    """Name of a type ``package/msg/Name`` on the wire."""
     package, group, name = kind.split("/")
     return f"{package}::{group}::dds_::{name}_"
 

@@ -25,9 +25,9 @@ EXTRA: Final = "ros2"
 DISCOVERY_S: Final = 5.0  # Longest search for a publisher
 LOOK_S: Final = 0.02
 MAX_WAITING: Final = 20_000
-"""Most readings in the queue of a reader; older ones are dropped."""
+"""Largest number of readings in the queue of a reader; older ones are dropped."""
 MAX_TAKEN: Final = 5000
-"""Most samples per call of a reader."""
+"""Largest number of samples in one call of a reader."""
 MAX_OUTGOING: Final = 10  # Samples that a writer keeps for a slow reader, as in the default profile of ROS 2
 ALIVE: Final = 16
 """``DDS_IST_ALIVE``: state of an instance that was not disposed of."""

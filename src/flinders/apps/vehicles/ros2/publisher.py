@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 class TopicPublisher:
-    """Publishes for a feed, with the feed's DDS participant.
+    """Publisher for the readings of a feed, on the feed's DDS participant.
 
     Parameters
     ----------
@@ -66,9 +66,9 @@ class TopicPublisher:
         Parameters
         ----------
         online : OnlineCalibration, optional
-            None before the first reading.
+            The calibration; None before the first reading.
         now : float, s
-            By the clock of the readings.
+            Current time by the clock of the readings.
         """
         if online is None or math.isnan(now):
             return
@@ -115,7 +115,7 @@ class TopicPublisher:
 
 
 def opened(feed: Feed, topic: str = CORRECTED) -> TopicPublisher:
-    """Return the publisher for a feed of a topic; `UsageError` for another feed, or as `TopicPublisher`."""
+    """Return the publisher for the feed of a topic; `UsageError` for another feed, and as for `TopicPublisher`."""
     if not isinstance(feed, TopicFeed):
         raise UsageError(f"{feed.name} is not a topic of ROS 2: --publish needs a feed with --ros2")
     return TopicPublisher(feed, topic)

@@ -1,8 +1,8 @@
 """ArduPilot's compass parameters: ``m = I ((r + OFS) SCALE) + MOT x``.
 
-r is what the compass reads, in mG, turned into the axes of the vehicle (forward, right, down) first; x is the battery
-current in A or the throttle from 0 to 1, as COMPASS_MOTCT says; I is symmetric, with DIA on its diagonal and ODI off
-it. A calibration here is corrected = A (raw − b), so
+r is the reading of the compass in mG, already turned into the axes of the vehicle (forward, right, down). x is the
+battery current in A or the throttle from 0 to 1, as selected by COMPASS_MOTCT. I is symmetric, with DIA on its diagonal
+and ODI off the diagonal. A calibration here is corrected = A (raw − b), so
 
     SCALE = mean of the diagonal of A,   DIA, ODI = A / SCALE,   OFS = −b
 
@@ -19,7 +19,7 @@ COMPASS_DIA2_Y,1
 >>> ArduPilotParameters.of(calibration).apply([[100.0, -200.0, 500.0]])  # in mG: 10, −20 and 50 µT
 array([[  0.,   0., 450.]])
 
-Offsets are added here, and act after the mounting: PX4 and most others subtract them, in the axes of the sensor.
+ArduPilot adds offsets, after the mounting; PX4 and most others subtract them, in the axes of the sensor.
 
 A rotation of the calibration goes into COMPASS_ORIENT: r = R(orientation) sensor for an external compass, and for
 101 and 102 R is the Euler rotation 321 of CUST_ROT1 or CUST_ROT2, in degrees. Internal compasses turn with the board.
@@ -82,7 +82,7 @@ MAX_OFFSET_MG: Final = 1800.0
 """Default of COMPASS_OFFS_MAX, mG: a vehicle with longer offsets does not arm."""
 MIN_DIAGONAL, MAX_DIAGONAL = 0.2, 5.0
 MAX_OFF_DIAGONAL: Final = 1.0
-"""Range of DIA and ODI that ArduPilot's own calibrator accepts."""
+"""Ranges of DIA and ODI that ArduPilot's own calibrator accepts."""
 MAX_SCALE: Final = 1.5
 """A COMPASS_SCALE beyond 1/1.5 to 1.5 counts as 1."""
 LIMITS: Final = (
@@ -104,7 +104,10 @@ NOT_WRITTEN: Final = (
     "COMPASS_MOT and COMPASS_MOTCT are not written: the values on board stay and belong to the old DIA, ODI and SCALE; "
     "if they are not 0 and DIA, ODI or SCALE changes, run CompassMot again"
 )
-"""MOT x is added after I and SCALE: for new I' and SCALE' it would have to be I' SCALE' (I SCALE)⁻¹ MOT."""
+"""Note on a motor compensation that is not written.
+
+MOT x is added after I and SCALE. For new I' and SCALE' it would have to be I' SCALE' (I SCALE)⁻¹ MOT.
+"""
 COMPENSATED: Final = (
     "COMPASS_MOT is in mG per A (COMPASS_MOTCT 2) or at full throttle (1), added after DIA, ODI and SCALE; "
     "COMPASS_MOTCT is one for all compasses: set COMPASS_MOT of the others, or leave them 0"
@@ -115,9 +118,12 @@ COMPENSATED: Final = (
 class ArduPilotParameters(CompassParameters):
     """The parameters of one compass, 1 to 3.
 
-    (3,) `offset`, mG, is COMPASS_OFS, (3,) `diagonal` COMPASS_DIA, where all zero counts as all one, and (3,)
-    `off_diagonal` COMPASS_ODI: entries xy, xz and yz. (3,) `motor` is COMPASS_MOT in mG/A or mG at full throttle,
-    `motor_by` COMPASS_MOTCT: 0 off, 1 throttle, 2 current; `device_id` is COMPASS_DEV_ID.
+    - `offset`: COMPASS_OFS, (3,) in mG
+    - `diagonal`: COMPASS_DIA, (3,); all zero counts as all one
+    - `off_diagonal`: COMPASS_ODI, (3,) entries xy, xz and yz
+    - `motor`: COMPASS_MOT, (3,) in mG/A, or mG at full throttle
+    - `motor_by`: COMPASS_MOTCT: 0 off, 1 throttle, 2 current
+    - `device_id`: COMPASS_DEV_ID
     """
 
     compass: int = 1
@@ -220,22 +226,22 @@ class ArduPilotParameters(CompassParameters):
 
     @property
     def gain(self) -> float:
-        """SCALE as ArduPilot uses it: 1 if it is off or out of range."""
+        """Value of SCALE that ArduPilot uses: 1 if the parameter is 0 or out of range."""
         return self.scale if 1 / MAX_SCALE <= self.scale <= MAX_SCALE else 1.0
 
     @property
     def iron(self) -> Floats:
-        """(3, 3) I, symmetric; if DIA is all zero, its diagonal is 1, as in ArduPilot."""
+        """(3, 3) symmetric matrix I of DIA and ODI; its diagonal is 1 if DIA is all zero, as in ArduPilot."""
         return symmetric_matrix(self.diagonal if self.diagonal.any() else np.ones(3), self.off_diagonal)
 
     @property
     def matrix(self) -> Floats:
-        """(3, 3) I SCALE: the A of corrected = A (raw − b)."""
+        """(3, 3) matrix A = SCALE I of corrected = A (raw − b)."""
         return self.gain * self.iron
 
     @property
     def centre(self) -> Floats:
-        """(3,) −OFS in µT: the b of corrected = A (raw − b)."""
+        """(3,) centre b = −OFS of corrected = A (raw − b), in µT."""
         return -MG * self.offset + 0.0
 
     @classmethod
@@ -265,13 +271,13 @@ class ArduPilotParameters(CompassParameters):
     def apply(self, raw: ArrayLike, drive: ArrayLike = 0.0) -> Floats:
         """Correct readings as ArduPilot does, (..., 3) to (..., 3) mG in the axes of the vehicle.
 
-        `drive`, (...), is the current in A or the throttle from 0 to 1, as `motor_by` says.
+        `drive`, (...), is the current in A or the throttle from 0 to 1, as selected by `motor_by`.
         """
         readings: Floats = (check_vectors(raw, "raw", finite=False) + self.offset) @ self.matrix.T + self._motor(drive)
         return readings
 
     def unapply(self, corrected: ArrayLike, drive: ArrayLike = 0.0, *, motor_offset: ArrayLike | None = None) -> Floats:
-        """Return raw readings, r = I⁻¹ (m − MOT x) / SCALE − OFS: undoes `apply`.
+        """Return raw readings, r = I⁻¹ (m − MOT x) / SCALE − OFS, the inverse of `apply`.
 
         `motor_offset`, (..., 3) mG, is MOT x itself, if the log holds it. Raises `ArrayError` if I is singular.
 
@@ -289,7 +295,10 @@ class ArduPilotParameters(CompassParameters):
         return readings
 
     def motor_shift(self, name: str) -> Floats:  # noqa: ARG002 - in mG for both
-        """(3,) µT, P = −A⁻¹ MOT: MOT x is added to a corrected reading."""
+        """(3,) shift P = −A⁻¹ MOT of raw readings, in µT/A or µT at full throttle.
+
+        ArduPilot adds MOT x to a corrected reading.
+        """
         shift: Floats = -MG * np.linalg.solve(self.matrix, self.motor)
         return shift
 
@@ -313,7 +322,7 @@ class ArduPilotParameters(CompassParameters):
         return replace(super(ArduPilotParameters, self).as_float32(), scale=float(np.float32(self.scale)))
 
     def words(self) -> str:
-        """Write the parameters in force on one line, with their names.
+        """Names and values of the offset and of further parameters with an effect, on one line.
 
         >>> ArduPilotParameters(offset=np.array([-12.0, 40.5, -93.0]), compass=2).words()
         'COMPASS_OFS2 -12, 40.5, -93 mG'
@@ -357,7 +366,7 @@ class ArduPilotParameters(CompassParameters):
         refuse_values(beyond, advice)
 
     def _motor(self, drive: ArrayLike) -> Floats:
-        """(..., 3) MOT x, mG; 0 if COMPASS_MOTCT is off."""
+        """(..., 3) motor compensation MOT x in mG; 0 if COMPASS_MOTCT is off."""
         return to_floats(drive, "drive")[..., np.newaxis] * (self.motor if self.has_disturbances else np.zeros(3))
 
 
@@ -394,7 +403,7 @@ def custom_names(orientation: int) -> tuple[str, ...]:
 
 
 def mounting_rows(mounting: Mounting, compass: int, orientation: int = 101) -> tuple[tuple[str, float], ...]:
-    """Names and values to write; `orientation` is that of `CUSTOM` for a mounting by angles.
+    """Names and values of the parameters of a mounting; `orientation` is a number of `CUSTOM` for a mounting by angles.
 
     >>> mounting_rows(MOUNTINGS.mounting(euler(0, 0, 90)), 2)
     (('COMPASS_ORIENT2', 2.0),)
@@ -409,7 +418,7 @@ def mounting_rows(mounting: Mounting, compass: int, orientation: int = 101) -> t
 
 
 def orientation_name(orientation: int) -> str:
-    """Name a COMPASS_ORIENT.
+    """Name of a mounting, from its number in COMPASS_ORIENT.
 
     >>> orientation_name(8), orientation_name(101), orientation_name(77)
     ('ROLL_180', 'CUST_ROT1', 'not known')
@@ -422,11 +431,11 @@ def orientation_name(orientation: int) -> str:
 # names of parameters
 
 OF_COMPASS: Final = re.compile(r"COMPASS_(OFS|DIA|ODI|SCALE|MOT|ORIENT|EXTERNAL|EXTERN|DEV_ID)([23]?)(_[XYZ])?")
-"""A parameter of one compass in the first scheme: group, number, axis."""
+"""Pattern of a parameter of one compass in the first naming scheme: group, number, axis."""
 
 
 def compasses(values: Iterable[str]) -> tuple[int, ...]:
-    """Numbers of the compasses that have parameters, by the names of these.
+    """Numbers of the compasses that have parameters among these names.
 
     >>> compasses(["COMPASS_OFS_X", "COMPASS_OFS3_X", "COMPASS_USE2"])
     (1, 3)
@@ -447,7 +456,7 @@ def names(group: str, compass: int, axis: str = "") -> tuple[str, str]:
 
 
 def spellings(name: str) -> tuple[str, str]:
-    """A name of the first scheme, and its name in the second; the same if it is not of a compass.
+    """Names of a parameter in both naming schemes; `name` is that in the first. Parameters of no compass have one name.
 
     >>> spellings("COMPASS_OFS2_X"), spellings("COMPASS_SCALE"), spellings("CUST_ROT1_YAW")
     (('COMPASS_OFS2_X', 'COMPASS2_OFS_X'), ('COMPASS_SCALE', 'COMPASS1_SCALE'), ('CUST_ROT1_YAW', 'CUST_ROT1_YAW'))
@@ -497,6 +506,7 @@ TARGETS: Final = (
     Target(
         name="ardupilot",
         use="ArduPilot parameters",
+        group="autopilots",
         suffix=".param",
         title="ArduPilot",
         formula="m = I ((r + OFS) SCALE), I of DIA and ODI, OFS added",

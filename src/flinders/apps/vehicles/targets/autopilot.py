@@ -72,7 +72,7 @@ ROTATIONS: Final = mountings("""
     ROLL_270_PITCH_180 ROLL_90_PITCH_270 ROLL_180_PITCH_270 ROLL_270_PITCH_270 ROLL_90_PITCH_180_YAW_90
     ROLL_90_YAW_270 ROLL_90_PITCH_68_YAW_293 PITCH_315 ROLL_90_PITCH_315
 """)
-"""Mountings 0 to 40."""
+"""Name, roll, pitch and yaw in degrees of the mountings 0 to 40, which ArduPilot and PX4 share."""
 
 
 # the parameters of a compass
@@ -83,14 +83,12 @@ class CompassParameters:
     """The parameters of one compass."""
 
     offset: Floats = field(default_factory=lambda: np.zeros(3))  # (3,), in `unit`
-    # (3,): diagonal of the symmetric matrix; its entries xy, xz and yz
-    diagonal: Floats = field(default_factory=lambda: np.ones(3))
-    off_diagonal: Floats = field(default_factory=lambda: np.zeros(3))
-    motor: Floats = field(
-        default_factory=lambda: np.zeros(3)
-    )  # (3,): added field per A or kA or at full throttle, in `unit`
-    motor_by: int = 0  # one of `MOTOR_QUANTITIES`, the quantity that multiplies `motor`, or 0
-    compass: int = 0  # which of several
+    diagonal: Floats = field(default_factory=lambda: np.ones(3))  # (3,): diagonal of the symmetric matrix
+    off_diagonal: Floats = field(default_factory=lambda: np.zeros(3))  # (3,): its entries xy, xz and yz
+    # (3,): added field in `unit`, per A or kA of current, or at full throttle
+    motor: Floats = field(default_factory=lambda: np.zeros(3))
+    motor_by: int = 0  # quantity that multiplies `motor`: one of `MOTOR_QUANTITIES`, or 0 for none
+    compass: int = 0  # number of the compass
     device_id: int | None = None
 
     who: ClassVar[str]
@@ -105,12 +103,12 @@ class CompassParameters:
 
     @property
     def matrix(self) -> Floats:
-        """(3, 3) the A of corrected = A (raw − b)."""
+        """(3, 3) matrix A of corrected = A (raw − b)."""
         return symmetric_matrix(self.diagonal, self.off_diagonal)
 
     @property
     def centre(self) -> Floats:
-        """(3,) the b of corrected = A (raw − b), in µT."""
+        """(3,) centre b of corrected = A (raw − b), in µT."""
         raise NotImplementedError
 
     @property
@@ -125,7 +123,7 @@ class CompassParameters:
         return replace(stored, diagonal=diagonal, off_diagonal=off_diagonal)
 
     def words(self) -> str:
-        """Write the parameters in force on one line, with their names."""
+        """Names and values of the offset and of further parameters with an effect, on one line."""
         raise NotImplementedError
 
     @classmethod
@@ -135,12 +133,12 @@ class CompassParameters:
 
     @property
     def own_mounting(self) -> Floats | None:
-        """(3, 3) R, vehicle = R sensor; None for a compass that turns with the board, or an unknown mounting."""
+        """(3, 3) mounting R, vehicle = R sensor; None for a compass on the board, or an unknown mounting."""
         raise NotImplementedError
 
     @property
     def mounting_angles(self) -> Angles | None:
-        """Roll, pitch and yaw of `own_mounting`."""
+        """Roll, pitch and yaw of the compass's own mounting, in degrees; None without one."""
         own = self.own_mounting
         if own is None:
             return None
@@ -148,7 +146,7 @@ class CompassParameters:
         return roll, pitch, yaw
 
     def inverse(self) -> Floats:
-        """(3, 3) A⁻¹; `ArrayError` if A is singular."""
+        """(3, 3) inverse A⁻¹ of the matrix; `ArrayError` if A is singular."""
         try:
             return to_floats(np.linalg.inv(self.matrix))
         except np.linalg.LinAlgError:
@@ -157,15 +155,15 @@ class CompassParameters:
             ) from None
 
     def motor_shift(self, name: str) -> Floats:
-        """(3,) shift of raw readings per A or at full throttle, µT."""
+        """(3,) shift of raw readings, in µT/A or µT at full throttle."""
         raise NotImplementedError
 
     def to_calibration(self, field_strength: float, *, known: bool = False) -> Calibration:
         """Convert the parameters to a calibration, without a mounting, with motors if `has_disturbances`.
 
-        Parameters lack the length of corrected readings, `field_strength` in µT, which is `known` if the user gave it.
-        They also lack the range of currents of the motors' calibration; a throttle goes from 0 to 1. Raises
-        `ArrayError` for a singular matrix.
+        Parameters lack the length of corrected readings: `field_strength` gives it in µT, and `known` says whether it
+        was measured. They also lack the range of currents in which the motors were calibrated; a throttle goes from 0
+        to 1. Raises `ArrayError` for a singular matrix.
         """
         raw = Unit.of(self.unit)
         plain = Calibration(self.matrix, self.centre, field_strength, known, raw=raw, frame=self.frame)
@@ -217,7 +215,7 @@ def symmetric_entries(matrix: Floats) -> tuple[Floats, Floats]:
 
 
 def motor_kind(values: Mapping[str, float], name: str) -> int:
-    """The number of `MOTOR_QUANTITIES` in a parameter; 0 for other values."""
+    """Number of a quantity of `MOTOR_QUANTITIES` that a parameter selects; 0 for other values."""
     kind = float(values.get(name, 0.0))
     return int(kind) if kind in MOTOR_QUANTITIES.values() else 0
 
@@ -238,7 +236,7 @@ def list_text(values: Iterable[float]) -> str:
 # parameter files
 
 NAME: Final = re.compile(r"[A-Z][A-Z0-9_]{0,15}")
-"""A parameter has a name of up to 16 characters."""
+"""Pattern of the name of a parameter, up to 16 characters."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,9 +251,9 @@ class ParameterFile:
     def read(
         self, content: bytes, source: str, *, strength: float | None = None, compass: int | None = None
     ) -> Calibration:
-        """Read a calibration.
+        """Read the calibration of one compass from a parameter file.
 
-        `strength`, µT, is by default `USUAL_STRENGTH_UT`, and `compass` the only compass in the file.
+        `strength` in µT is by default `USUAL_STRENGTH_UT`; `compass` is by default the only one in the file.
         """
         parameters = self.parameters(content, source, compass)
         return parameters.to_calibration(strength or USUAL_STRENGTH_UT, known=strength is not None)

@@ -7,12 +7,12 @@
 >>> read(b"set mag_calibration = 120,-32,7", "dump.txt", strength=400.0).offset
 array([120., -32.,   7.])
 
-It acts in the axes of the board, after ``align_mag``: those of ``magADC`` in its blackbox.
+The correction acts in the axes of the board, after ``align_mag``. These are the axes of ``magADC`` in the blackbox.
 
 A rotation of the calibration goes into ``align_mag``: one of eight names, or CUSTOM with ``mag_align_roll``,
 ``mag_align_pitch`` and ``mag_align_yaw`` in tenths of a degree, R_z(yaw) R_y(pitch) R_x(roll) in the board's axes
-forward, left and up. Betaflight does so since 2026.6 (pull request 14849); before, it turned by R_z(−yaw) R_y(−pitch)
-R_x(−roll).
+forward, left and up. This holds from Betaflight 2026.6 on (pull request 14849); earlier versions turned by R_z(−yaw)
+R_y(−pitch) R_x(−roll).
 
 Source: Betaflight, ``cli/settings.c`` (mag_calibration, align_mag) and ``sensors/compass.c``; int16;
 ``alignSensorViaRotation`` of ``sensors/boardalignment.c``, ``buildRotationMatrix`` and ``matrixTrnVectorMul`` of
@@ -47,8 +47,7 @@ NAMES: Final = tuple(f"{SETTING} {axis}" for axis in "xyz")
 def write(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write the offset in the axes of the board; a recording that was not in raw counts raises `UnitError`.
 
-    Raises `NotExportable` where the soft iron left out costs more than 0.5° of heading, or int16 cannot hold
-    the offset.
+    Raises `NotExportable` if the omitted soft iron loses more than 0.5° of heading, or int16 cannot hold the offset.
     """
     in_place = in_vehicle_axes(calibration)
     affine = Affine.of(in_place, COUNTS, who="Betaflight")
@@ -67,7 +66,7 @@ def write(calibration: Calibration, asked: ExportOptions) -> Written:
 
 
 def _alignment_settings(mounting: Mounting) -> dict[str, str]:
-    """Settings of a mounting."""
+    """Settings of ``align_mag`` for a mounting."""
     if mounting.number is not None:
         return {"align_mag": mounting.name}
     tenths = (str(round(angle / DECIDEGREE)) for angle in mounting.angles)
@@ -84,7 +83,7 @@ def _custom_notes(mounting: Mounting) -> list[str]:
 def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
     """Read the setting back, out of a dump or diff, for readings in the axes of the board; the matrix is the identity.
 
-    `strength`, counts: length of a reading less the offset; required, since the file does not hold it.
+    `strength` is the length of a reading less the offset, in counts. It is required, since the file does not hold it.
 
     Raises `DocumentError` if the setting is missing, has two values, or is not three whole numbers of 16 bits.
     """
@@ -107,6 +106,7 @@ TARGETS: Final = (
     Target(
         name="betaflight",
         use="Betaflight CLI",
+        group="autopilots",
         suffix=".txt",
         title="Betaflight",
         formula="m = align(raw) - magZero",

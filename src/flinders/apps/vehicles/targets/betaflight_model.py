@@ -15,8 +15,8 @@ array([0., 1., 0.])
 (array([   0., 1250.,    0.]), 1250.0, 'vehicle')
 
 **Formula.** ``c = soft_iron (raw − center)``, raw in counts, with c of length `radius`. One unit of c is the strength
-of the field divided by the radius, in nT and gauss. The radius written here is 1; the Configurator's fit of a unit
-sphere gives 1 to within a thousandth.
+of the field divided by the radius, stated in nT and in gauss. The radius written here is 1. The Configurator fits a
+unit sphere; its radius is 1 to within a thousandth.
 
 **Axes.** `alignment` is the proposed ``align_mag``, `captured_under` the one in force, and `hard_iron` the
 ``mag_calibration`` that goes with the proposed one. A file is in one of two axes, shown by `hard_iron`:
@@ -24,18 +24,19 @@ sphere gives 1 to within a thousandth.
     captured    hard_iron = A C⁻¹ (center + mag_zero)      by the description of the schema; written here
     sensor      hard_iron = A center                       as the Configurator's full calibration writes it
 
-with A the proposed and C the captured rotation, R_z(yaw) R_y(pitch) R_x(roll). The corrected field of the vehicle is
-A C⁻¹ c or A c. `frame` always says FRD; the numbers are for ``magADC``, which the firmware turns to the world as
-forward, left and up (``flight/imu.c``), so nothing is mirrored here.
+with A the proposed and C the captured rotation, R_z(yaw) R_y(pitch) R_x(roll). The corrected field in the axes of the
+vehicle is A C⁻¹ c or A c. `frame` is always FRD, but the numbers are for ``magADC``, whose axes the firmware takes as
+forward, left and up (``flight/imu.c``); so nothing is mirrored here.
 
 **Noise.** `residual_rms` is the white noise of a reading divided by the strength of the field: the Configurator
 computes it from the lengths of corrected readings about the radius, so it is the noise along the field.
-`mag_noise_gauss` is for the measurement noise R of a filter, so that "a good calibration earns tight mag trust". It is
-written here as that noise plus the error of the calibration, added as variances, as for EKF2_MAG_NOISE of PX4; the
-Configurator writes the noise alone, which a poor calibration does not enlarge. A filter treats R as white, but the
-error of a calibration is the same in every reading at one attitude. Even with both parts in R, the filter
-underestimates the error of a constant heading. The R that avoids this depends on the filter's rate and its gyro
-(`flinders.targets._measurement_noise`), so a note of the export states both parts.
+`mag_noise_gauss` is for the measurement noise R of a filter. It is written here as the noise of a reading plus the
+error of the calibration, added as variances, as for EKF2_MAG_NOISE of PX4. The Configurator writes the noise of a
+reading alone, which a poor calibration does not enlarge.
+
+A filter treats R as white, but the error of a calibration is the same in every reading at one attitude. Even with both
+parts in R, the filter underestimates the error of a constant heading. The R that avoids this depends on the filter's
+rate and its gyro (`flinders.targets._measurement_noise`), so a note of the export states both parts.
 
 Source: betaflight-configurator, ``src/js/utils/magModelExport.ts`` at 7cd82d45, and beside it ``ellipsoidFit.ts``,
 ``magAlignment.js``, ``magCharacterizationCompute.ts`` and ``magTiltAlign.ts``; ``exportFullCalModel`` of
@@ -91,11 +92,11 @@ if TYPE_CHECKING:
 
 WHO: Final = "Betaflight's model file"
 CUSTOM: Final = 9
-"""``align_mag`` with angles; 1 to 8 are the rows of `MOUNTINGS`, and 0 counts as 1."""
+"""Number of an ``align_mag`` with angles; 1 to 8 are the rows of `MOUNTINGS`, and 0 counts as 1."""
 LABELS: Final = tuple(f"CW {angle}°{flip}" for flip in ("", " flip") for angle in (0, 90, 180, 270))
-"""Labels of the presets 1 to 8."""
+"""Labels of ``align_mag`` 1 to 8 in the Configurator."""
 MAX_OFFSET_DIFFERENCE: Final = 2.0
-"""Counts: largest difference of `hard_iron`, which is in whole counts, and `center` on an axis."""
+"""Largest difference on an axis, in counts, of `hard_iron`, which is rounded to whole counts, and `center`."""
 
 
 # writing
@@ -152,8 +153,10 @@ def _fusion(soft_iron: Floats, strength_nt: float | None, noise: Noise) -> Downs
 
 
 Noise: TypeAlias = tuple[float, float, float] | None
-"""1 σ of a corrected reading as shares of the field strength, noise and calibration error together: across the
-horizontal field, of x and y, and of z."""
+"""1 σ of a corrected reading as shares of the field strength: across the horizontal field, of x and y, and of z.
+
+It is the noise and the error of the calibration together.
+"""
 
 
 def _noise(calibration: Calibration, noise: MeasurementNoise | None) -> tuple[float | None, Noise]:
@@ -192,26 +195,26 @@ def _captured_under(in_force: Floats) -> CapturedUnder:
 
 
 def _alignment(proposed: Floats) -> Alignment:
-    """A mounting by its number, name and angles."""
+    """Block with a mounting: its number, name and angles."""
     number = MOUNTINGS.mounting(proposed).number
     preset, label = (CUSTOM, "CUSTOM") if number is None else (number + 1, LABELS[number])
     return Alignment(preset=preset, label=label, euler_zyx_deg=_euler(proposed))
 
 
 def _euler(rotation: Floats) -> EulerAngles:
-    """Angles of a rotation."""
+    """Block with the angles of a rotation."""
     roll, pitch, yaw = (angle + 0.0 for angle in angles(rotation))
     return EulerAngles(roll=roll, pitch=pitch, yaw=yaw)
 
 
 def _vector(values: Floats) -> Vector:
-    """(3,) numbers by axis."""
+    """Block with (3,) numbers, by axis."""
     x, y, z = (values + 0.0).tolist()
     return Vector(x=x, y=y, z=z)
 
 
 def _rows(matrix: Floats) -> tuple[Triple, Triple, Triple]:
-    """(3, 3) rows."""
+    """Rows of a (3, 3) matrix, as tuples."""
     one, two, three = (tuple(row) for row in (matrix + 0.0).tolist())
     return one, two, three
 
@@ -253,8 +256,8 @@ def _noise_words(calibration: Calibration, noise: MeasurementNoise | None) -> st
 def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
     """Read a model, in counts: for ``magADC`` with the proposed ``align_mag`` and ``mag_calibration = 0,0,0``.
 
-    `strength`, counts: length of corrected readings; by default the length that makes the determinant of the matrix 1,
-    since the µT per count in the file hold for that fit only (`proposals` states them).
+    `strength` is the length of corrected readings in counts. By default it makes the determinant of the matrix 1. The
+    file's µT per count is not used, since it holds for the file's own fit only (`proposals` states it).
 
     Raises `DocumentError` for a file of another schema, a damaged file, and a `hard_iron` that does not agree with the
     `center`.
@@ -280,7 +283,7 @@ def _length(correction: EllipsoidCorrection, source: str) -> float:
 
 
 def proposals(content: bytes, source: str) -> list[str]:
-    """Sentences on the model's further statements; raises as `read`."""
+    """Sentences on the model's other contents, such as the proposed mounting; raises the errors of `read`."""
     model = _model(content, source)
     correction, quality = model.ellipsoid_correction, model.quality
     zero = ",".join(f"{value:.0f}" for value in _triple(model.hard_iron))
@@ -319,9 +322,9 @@ def _model(content: bytes, source: str) -> Model:
 
 
 def _in_proposed_axes(model: Model, source: str) -> tuple[Floats, Floats]:
-    """(3, 3) rotation from the axes of the file to those of the proposed mounting, and (3,) the offset there, counts.
+    """(3, 3) rotation from the axes of the file to those of the proposed mounting, and (3,) offset there in counts.
 
-    Of the two possible axes of a file, those whose offset is nearest to `hard_iron`.
+    A file may be in either of two axes; those are assumed whose offset is nearer to `hard_iron`.
     """
     captured, proposed = _rotations(model, source)
     centre, hard = (_triple(vector) for vector in (model.ellipsoid_correction.center, model.hard_iron))
@@ -385,7 +388,7 @@ def _proposed_words(model: Model, source: str) -> str:
 
 
 def _triple(vector: Vector) -> Floats:
-    """(3,)."""
+    """(3,) array of a vector."""
     return np.array([vector.x, vector.y, vector.z])
 
 
@@ -393,6 +396,7 @@ TARGETS: Final = (
     Target(
         name="betaflight-model",
         use="Betaflight model file, JSON",
+        group="autopilots",
         suffix=".json",
         title=WHO,
         formula="m = soft_iron (raw - center)",

@@ -38,7 +38,7 @@ class Vector(Struct, frozen=True, kw_only=True):
 
 
 class EulerAngles(Struct, frozen=True, kw_only=True):
-    """Degrees: R_z(yaw) R_y(pitch) R_x(roll)."""
+    """Angles in degrees of the rotation R_z(yaw) R_y(pitch) R_x(roll)."""
 
     roll: float
     pitch: float
@@ -49,18 +49,18 @@ class CapturedUnder(Struct, frozen=True, kw_only=True):
     """Settings of the board during the recording."""
 
     alignment: int
-    custom_angles: EulerAngles | None = None  # of alignment 9
+    custom_angles: EulerAngles | None = None  # angles of alignment 9, which is CUSTOM
     mag_zero: Vector | None = None
     mag_zero_known: bool = False
 
 
 class EllipsoidCorrection(Struct, frozen=True, kw_only=True):
-    """``soft_iron (raw − center)`` is `radius` long."""
+    """Correction ``soft_iron (raw − center)``, whose results have the length `radius`."""
 
     center: Vector  # counts
     soft_iron: tuple[Triple, Triple, Triple]
     radius: Positive
-    residual_rms: float | None  # of the length of corrected readings, in their unit
+    residual_rms: float | None  # rms deviation of the length of corrected readings from `radius`, in their unit
 
 
 class GeoReference(Struct, frozen=True, kw_only=True):
@@ -82,7 +82,7 @@ class Alignment(Struct, frozen=True, kw_only=True):
 
 
 class Quality(Struct, frozen=True, kw_only=True):
-    """Agreement of the proposed mounting with the dip of the field."""
+    """Quality of the proposed mounting: its agreement with the dip of the field."""
 
     mean_residual_deg: float | None = None
     sample_count: int | None = None
@@ -91,7 +91,7 @@ class Quality(Struct, frozen=True, kw_only=True):
 
 
 class MagNoise(Struct, frozen=True, kw_only=True):
-    """Standard deviation of one axis of a corrected reading, gauss."""
+    """Noise of a corrected reading: standard deviation of one axis, in gauss."""
 
     sigma: float | None = None
     sigma_xy: float | None = None
@@ -122,7 +122,7 @@ class DownstreamFusion(Struct, frozen=True, kw_only=True):
 
 
 class Model(Struct, frozen=True, kw_only=True):
-    """A model file."""
+    """Contents of a model file."""
 
     schema: str = msgspec.field(name="$schema", default=SCHEMA)
     version: Literal["2.2"] = VERSION

@@ -3,8 +3,8 @@
 Both estimators use a compass in one of two ways, each with its own noise parameter.
 
 - As an angle, fused with a gyro that has a bias (EKF2_HEAD_NOISE up to version 1.14, EK3_YAW_M_NSE). The filter
-    treats the noise as white. The noise written is the one at which the filter's variance equals the true variance of
-    its yaw (`YawFilter`) at a constant heading.
+    treats the noise as white. The noise that is written makes the filter's variance equal to the true variance of its
+    yaw (`YawFilter`) at a constant heading.
 - As the vector of the field, with states for the earth's field and the body's field (EKF2_MAG_NOISE,
     EK3_MAG_M_NSE). One parameter is both the noise of a reading and the initial uncertainty of these states. The value
     written is both, added as variances: the noise averages out, and the uncertainty of the body's field stays until
@@ -45,7 +45,7 @@ GAUSS: Final = PER_UNIT["G"]
 MODEL_SIGMA, MODEL_DIP_SIGMA_DEG = 0.148, 0.20
 """µT and degrees: 1 σ of strength and dip of the World Magnetic Model, with the crust (WMM2020 report, table 5)."""
 MIN_STATED_SHARE: Final = 0.8
-"""Least share of the heading's error that an estimator states; with less, its parameters are too small."""
+"""Smallest share of the true heading error that an estimator has to state; with less, its parameters are too small."""
 STRENGTH, INCLINATION = 1, 2
 """Bits of EKF2_MAG_CHECK."""
 
@@ -64,9 +64,9 @@ class Estimator:
 
     who: str
     yaw: YawFilter
-    heading_noise: Parameter  #: rad
-    field_noise: Parameter  #: G
-    conditions: str  #: for which settings the noise is right, in words
+    heading_noise: Parameter  #: noise of a heading, rad
+    field_noise: Parameter  #: noise of an axis of the field, G
+    conditions: str  #: settings of the estimator for which the noise is right, in words
 
     def heading_sigma(self, calibration_deg: float, reading_deg: float) -> float:
         """Noise of a heading, rad, within the range of its parameter."""
@@ -78,7 +78,7 @@ class Estimator:
         return float(np.clip(noise.across / GAUSS, self.field_noise.low, self.field_noise.high))
 
     def values(self, noise: MeasurementNoise) -> dict[str, float]:
-        """Names and values of the noise, to three digits."""
+        """Names and values of the estimator's noise parameters, to three digits."""
         sigmas = {
             self.heading_noise.name: self.heading_sigma(noise.heading_calibration_deg, noise.heading_reading_deg),
             self.field_noise.name: self.field_sigma(noise),
@@ -129,7 +129,7 @@ EKF3: Final = Estimator(
 def estimator_values(
     estimator: Estimator, calibration: Calibration, asked: ExportOptions
 ) -> tuple[dict[str, float], list[str]]:
-    """Names and values of an estimator's parameters, with notes; empty unless requested.
+    """Names and values of an estimator's parameters, with notes; empty unless the user requested them.
 
     Raises `NotExportable` if the calibration states no noise or no uncertainty.
     """
@@ -150,7 +150,7 @@ def estimator_values(
 
 
 def _checks(gates: Gates | None, calibration: Calibration) -> dict[str, float]:
-    """EKF2_MAG_CHECK, with the limits of strength and of dip if their spread is known."""
+    """Values of EKF2_MAG_CHECK, and of the limits of strength and dip if their spread is known."""
     checks: dict[str, float] = {}
     if gates is not None and calibration.field_strength_known:
         limit = math.hypot(gates.strength_limit, GATE_SIGMAS * MODEL_SIGMA) / GAUSS

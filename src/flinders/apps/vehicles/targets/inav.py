@@ -1,6 +1,6 @@
 """INAV's ``magzero`` and ``maggain``: ``m = (raw − zero) 1024 / gain``, whole numbers, in the axes of the sensor.
 
-A gain is the radius of its axis in counts, so that corrected readings have length 1024; with D the diagonal nearest to
+A gain is the radius of its axis in counts, so that corrected readings have length 1024. With D the diagonal nearest to
 the matrix and F the length of corrected readings in counts, gain = F / D.
 
 >>> from flinders.core.calibration import Calibration
@@ -19,8 +19,8 @@ array([1024.,    0.,    0.])
 array([1.25, 1.  , 0.8 ])
 
 A rotation of the calibration goes into ``align_mag``, one of eight names, or into ``align_mag_roll``,
-``align_mag_pitch`` and ``align_mag_yaw`` in tenths of a degree, which take its place where one of them is not 0:
-R_z(−yaw) R_y(−pitch) R_x(−roll) in the axes forward, left and up, and then without the alignment of the board.
+``align_mag_pitch`` and ``align_mag_yaw`` in tenths of a degree. If one of these angles is not 0, they replace
+``align_mag``: R_z(−yaw) R_y(−pitch) R_x(−roll) in the axes forward, left and up, without the alignment of the board.
 
 Source: INAV, ``sensors/compass.c`` at 005b1ee7, ``rotationMatrixFromAngles`` of ``common/maths.c`` at 063f3509,
 ``rotationMatrixRotateVector`` of ``common/vector.h``; int16, and an integer division.
@@ -54,7 +54,7 @@ GAINS: Final = ("maggain_x", "maggain_y", "maggain_z")
 
 
 def write(calibration: Calibration, asked: ExportOptions) -> Written:
-    """Write the lines; a recording that was not in raw counts raises `UnitError`.
+    """Write the settings as lines for the CLI of INAV; a recording that was not in raw counts raises `UnitError`.
 
     Raises `NotExportable` if the settings lose more than 0.5° of heading, or int16 cannot hold the numbers.
     """
@@ -90,7 +90,7 @@ def _alignment_settings(mounting: Mounting) -> dict[str, str | int]:
 def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
     """Read the settings back, out of a dump, for readings in the axes of the sensor.
 
-    `strength`, counts: length of corrected readings; without it the geometric mean of the gains.
+    `strength` is the length of corrected readings in counts, by default the geometric mean of the gains.
 
     Raises `DocumentError` if a setting is missing, has two values, or is out of INAV's range.
     """
@@ -109,6 +109,7 @@ TARGETS: Final = (
     Target(
         name="inav",
         use="INAV CLI",
+        group="autopilots",
         suffix=".txt",
         title="INAV",
         formula="m = align((raw - magzero) 1024 / maggain)",

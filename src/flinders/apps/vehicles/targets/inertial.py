@@ -62,7 +62,7 @@ def _shell_lines(values: dict[str, float]) -> list[str]:
 
 
 def _ardupilot_accelerometer(triad: Triad, asked: Asked) -> Numbers:
-    """INS_ACCOFFS and INS_ACCSCAL of an IMU, 1 to 3."""
+    """Numbers of INS_ACCOFFS and INS_ACCSCAL of an IMU, 1 to 3."""
     digit = _digit(asked)
     offset, scale = offset_and_gains(triad)
     values = {
@@ -73,7 +73,7 @@ def _ardupilot_accelerometer(triad: Triad, asked: Asked) -> Numbers:
 
 
 def _ardupilot_gyro(triad: Triad, asked: Asked) -> Numbers:
-    """INS_GYROFFS of an IMU, 1 to 3."""
+    """Numbers of INS_GYROFFS of an IMU, 1 to 3."""
     offset, digit = round_to_single(triad.offset), _digit(asked)
     name = f"INS_GYR{digit}OFFS_" if digit else "INS_GYROFFS_"
     values = _named(name, offset, -np.inf, np.inf, "ArduPilot")
@@ -89,7 +89,7 @@ def _digit(asked: Asked) -> str:
 
 
 def _px4(lines: Callable[[dict[str, float]], list[str]]) -> InertialForm:
-    """CAL_ACCn and CAL_GYROn, 0 to 3."""
+    """Form of PX4's parameters CAL_ACCn and CAL_GYROn, for an IMU n from 0 to 3."""
 
     def accelerometer(triad: Triad, asked: Asked) -> Numbers:
         offset, scale = offset_and_gains(triad)
@@ -125,7 +125,7 @@ def _px4_number(asked: Asked) -> int:
 
 
 def _px4_values(prefix: str, group: str, values: Floats, low: float, high: float) -> dict[str, float]:
-    """Values by name: prefix, axis, group."""
+    """Values of PX4's parameters, by names made of prefix, axis and group."""
     return _named("", values, low, high, "PX4", lambda axis: f"{prefix}{axis}{group}")
 
 
@@ -146,7 +146,7 @@ def _named(
 
 
 def _inav(triad: Triad, _asked: Asked) -> Numbers:
-    """``acczero`` and ``accgain``: (raw − zero) gain / 4096, in whole numbers, as long as the driver's 1 g."""
+    """Numbers of ``acczero`` and ``accgain``: (raw − zero) gain / 4096, rounded, for the driver's length of 1 g."""
     length = STANDARD_GRAVITY / float(np.cbrt(np.prod(np.diag(triad.matrix))))
     one_g = 2.0 ** round(np.log2(length))
     zeros, gains = [f"acczero_{axis}" for axis in "xyz"], [f"accgain_{axis}" for axis in "xyz"]
@@ -162,7 +162,7 @@ def _inav(triad: Triad, _asked: Asked) -> Numbers:
 
 
 def _betaflight(triad: Triad, _asked: Asked) -> Numbers:
-    """``acc_calibration``: three offsets, and 1 for a calibration that was done."""
+    """Numbers of ``acc_calibration``: three offsets, and 1, which says that a calibration was done."""
     zero = in_16_bits(triad.offset, [f"acc_calibration {axis}" for axis in "xyz"])
     text = ",".join(map(str, (*zero, 1)))
     body = [f"set acc_calibration = {text}", "save"]
@@ -170,7 +170,7 @@ def _betaflight(triad: Triad, _asked: Asked) -> Numbers:
 
 
 def _paparazzi(triad: Triad, _asked: Asked) -> Numbers:
-    """``ACCEL_X_NEUTRAL`` and ``ACCEL_X_SENS``: (raw − neutral) sens, in 2⁻¹⁰ m/s²."""
+    """Numbers of ``ACCEL_X_NEUTRAL`` and ``ACCEL_X_SENS``: (raw − neutral) sens, in 2⁻¹⁰ m/s²."""
     neutrals = [f"ACCEL_{axis}_NEUTRAL" for axis in AXES]
     low, high = LIMITS_32
     neutral = round_to_integers(triad.offset, neutrals, lowest=low, highest=high, advice="check the recording")
@@ -184,7 +184,7 @@ def _paparazzi(triad: Triad, _asked: Asked) -> Numbers:
 
 
 def _defines(values: dict[str, float]) -> Iterator[str]:
-    """Lines of the section IMU."""
+    """Yield the lines of the section IMU of an airframe file."""
     for name, value in values.items():
         yield f'<define name="{name}" value="{value:.9g}"{"" if name.endswith("NEUTRAL") else INTEGER_ATTRIBUTE}/>'
 

@@ -1,6 +1,6 @@
 """Paparazzi's ``MAG_X_NEUTRAL`` and ``MAG_X_SENS``: ``m = (raw − neutral) sens``, in the axes of the sensor.
 
-Corrected readings have length 2048, 1 in fixed point with eleven bits; with D the diagonal nearest to the matrix and F
+Corrected readings have length 2048, 1 in fixed point with eleven bits. With D the diagonal nearest to the matrix and F
 the length of corrected readings in counts, sens = 2048 D / F.
 
 >>> from flinders.core.calibration import Calibration
@@ -83,7 +83,7 @@ def write(calibration: Calibration, _asked: ExportOptions) -> Written:
 def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
     """Read the defines back, with or without the prefix ``IMU_``; those in comments are ignored.
 
-    `strength`, counts: length of corrected readings; without it the geometric mean of the radii, 2048 / sens.
+    `strength` is the length of corrected readings in counts, by default the geometric mean of the radii, 2048 / sens.
 
     Raises `DocumentError` if a define is missing, has two values or is not a number of its kind, and if an axis is
     inverted.
@@ -119,6 +119,7 @@ TARGETS: Final = (
     Target(
         name="paparazzi",
         use="Paparazzi airframe XML",
+        group="autopilots",
         suffix=".xml",
         title="Paparazzi",
         formula="m = (raw - NEUTRAL) SENS",

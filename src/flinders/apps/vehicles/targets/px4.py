@@ -1,9 +1,9 @@
 """PX4's compass parameters: ``m = R S ((r + x COMP) − OFF)``.
 
-r is the raw reading, in gauss and in the compass's own axes; R turns the corrected reading into the axes of the vehicle
-(forward, right, down): by CAL_MAGn_ROT, or for an internal compass (ROT −1) by the board's mounting; S is symmetric,
-with SCALE on its diagonal and ODIAG off it; x is the throttle from 0 to 1 or the battery current in **kA**, by
-CAL_MAG_COMP_TYP. A calibration here is corrected = A (raw − b), so
+r is the raw reading, in gauss and in the compass's own axes. R turns the corrected reading into the axes of the vehicle
+(forward, right, down): it is CAL_MAGn_ROT, or the board's mounting for an internal compass (ROT −1). S is symmetric,
+with SCALE on its diagonal and ODIAG off the diagonal. x is the throttle from 0 to 1 or the battery current in **kA**,
+as selected by CAL_MAG_COMP_TYP. A calibration here is corrected = A (raw − b), so
 
     S = A,   OFF = b
 
@@ -20,10 +20,10 @@ CAL_MAG1_XSCALE 1.1
 >>> turned_over.apply([[0.1, -0.2, 0.5]])                           # in gauss: 10, −20 and 50 µT
 array([[ 0.  ,  0.  , -0.45]])
 
-Offsets are subtracted here, and act before the mounting: ArduPilot adds them, after it.
+PX4 subtracts offsets, before the mounting; ArduPilot adds them, after the mounting.
 
 A rotation of the calibration goes into R of an external compass: CAL_MAGn_ROT, or for ROT 100 the Euler rotation 321
-of CAL_MAGn_ROLL, PITCH and YAW in degrees; where one of these is not 0, ROT counts as 100.
+of CAL_MAGn_ROLL, PITCH and YAW in degrees. If one of these angles is not 0, ROT counts as 100.
 
 Sources: ``Magnetometer::Correct``, ``set_custom_rotation`` and ``ParametersUpdate`` of PX4's
 ``src/lib/sensor_calibration`` (BSD-3-Clause; the formula was taken from it and none of its code),
@@ -76,7 +76,7 @@ if TYPE_CHECKING:
 GAUSS: Final = PER_UNIT["G"]
 """µT in one gauss."""
 DRIVE_UNITS: Final = {"throttle": 1.0, "current": 1000.0}
-"""Units of drive in one unit of PX4: throttle, and A in one kA, PX4's unit of battery current."""
+"""Size of PX4's unit of each disturbance: 1 for a throttle, 1000 A for a battery current, which PX4 has in kA."""
 COMPASSES: Final = (0, 1, 2, 3)
 MIN_SCALE, MAX_SCALE = 0.1, 3.0
 """Range of CAL_MAGn_XSCALE."""
@@ -102,11 +102,13 @@ EXTERNAL_ONLY: Final = (
 class Px4Parameters(CompassParameters):
     """The parameters of one compass n, 0 to 3.
 
-    (3,) `offset`, G, is CAL_MAGn_XOFF to ZOFF, (3,) `diagonal` XSCALE to ZSCALE, (3,) `off_diagonal` XODIAG, YODIAG and
-    ZODIAG: entries xy, xz and yz. (3,) `motor`, XCOMP to ZCOMP in G at full throttle or G/kA, is added to a reading
-    before the offset is removed; `motor_by`, CAL_MAG_COMP_TYP, is one for all compasses: 0 nothing, 1 throttle, 2 the
-    current of the first battery. `device_id` is CAL_MAGn_ID: PX4 uses the parameters for the compass with this number,
-    as ``sensor_mag`` has it.
+    - `offset`: CAL_MAGn_XOFF to ZOFF, (3,) in G
+    - `diagonal`: CAL_MAGn_XSCALE to ZSCALE, (3,)
+    - `off_diagonal`: CAL_MAGn_XODIAG, YODIAG and ZODIAG, (3,) entries xy, xz and yz
+    - `motor`: CAL_MAGn_XCOMP to ZCOMP, (3,) in G at full throttle or G/kA, added to a reading before the offset is
+      removed
+    - `motor_by`: CAL_MAG_COMP_TYP, the same for all compasses: 0 off, 1 throttle, 2 current of the first battery
+    - `device_id`: CAL_MAGn_ID; PX4 uses the parameters for the compass with this id, as in ``sensor_mag``
     """
 
     rotation: int = INTERNAL  #: CAL_MAGn_ROT, a row of `MOUNTINGS`, `CUSTOM` or `INTERNAL`
@@ -152,7 +154,9 @@ class Px4Parameters(CompassParameters):
 
     @classmethod
     def read(cls, values: Mapping[str, float], compass: int = 0) -> Self:
-        """Read one compass from a vehicle's parameters; missing ones are the default. `UsageError` for another number.
+        """Read one compass, 0 to 3, from a vehicle's parameters; missing parameters have their defaults.
+
+        Raises `UsageError` for another number of a compass.
 
         >>> Px4Parameters.read({"CAL_MAG1_YOFF": -0.25, "CAL_MAG1_ROT": 6, "CAL_MAG1_ID": 592905}, 1).offset
         array([ 0.  , -0.25,  0.  ])
@@ -186,12 +190,12 @@ class Px4Parameters(CompassParameters):
 
     @property
     def centre(self) -> Floats:
-        """(3,) OFF in µT: the b of corrected = A (raw − b)."""
+        """(3,) centre b = OFF of corrected = A (raw − b), in µT."""
         return to_floats(GAUSS * self.offset)
 
     @property
     def mounting(self) -> Floats:
-        """(3, 3) R, from the axes of the sensor to those of the vehicle; the identity for an unknown number."""
+        """(3, 3) mounting R, vehicle = R sensor; the identity for an unknown number."""
         if self.rotation == INTERNAL:
             return self.board
         if self.rotation == CUSTOM:
@@ -200,19 +204,19 @@ class Px4Parameters(CompassParameters):
 
     @classmethod
     def mounting_names(cls, compass: int) -> tuple[str, ...]:
-        """CAL_MAGn_ROLL, PITCH, YAW and ROT."""
+        """Names of the parameters of a mounting: CAL_MAGn_ROLL, PITCH, YAW and ROT."""
         return tuple(f"CAL_MAG{compass}_{group}" for group in (*ANGLES, "ROT"))
 
     @property
     def own_mounting(self) -> Floats | None:
-        """(3, 3) R; None for a compass on the board, or an unknown number."""
+        """(3, 3) mounting R, vehicle = R sensor; None for a compass on the board, or an unknown number."""
         is_known = self.rotation == CUSTOM or 0 <= self.rotation < len(MOUNTINGS)
         return self.mounting if is_known else None
 
     def apply(self, raw: ArrayLike, drive: ArrayLike = 0.0) -> Floats:
         """Correct readings as PX4 does: (..., 3) G in the axes of the sensor to (..., 3) G in those of the vehicle.
 
-        `drive`, (...), is the current in kA or the throttle from 0 to 1, as CAL_MAG_COMP_TYP says.
+        `drive`, (...), is the current in kA or the throttle from 0 to 1, as selected by CAL_MAG_COMP_TYP.
         """
         added: Floats = to_floats(drive, "drive")[..., np.newaxis] * self.motor
         readings: Floats = (check_vectors(raw, "raw", finite=False) + added - self.offset) @ (
@@ -221,7 +225,7 @@ class Px4Parameters(CompassParameters):
         return readings
 
     def unapply(self, corrected: ArrayLike, drive: ArrayLike = 0.0) -> Floats:
-        """Return raw readings, r = S⁻¹ Rᵀ m + OFF − x COMP: undoes `apply`; `ArrayError` for a singular S.
+        """Return raw readings, r = S⁻¹ Rᵀ m + OFF − x COMP, the inverse of `apply`; `ArrayError` for a singular S.
 
         >>> set_up = Px4Parameters(offset=np.array([0.1, 0, -0.2]), off_diagonal=np.array([0.1, 0, 0]), rotation=6)
         >>> set_up.unapply(set_up.apply([0.1, 0.2, 0.3])).round(9)
@@ -233,7 +237,7 @@ class Px4Parameters(CompassParameters):
         return readings
 
     def motor_shift(self, name: str) -> Floats:
-        """(3,) P = −COMP in µT, per A for a current, since COMP x is added to a reading."""
+        """(3,) shift P = −COMP of raw readings, in µT at full throttle or µT/A, since COMP x is added to a reading."""
         shift: Floats = -GAUSS * self.motor / DRIVE_UNITS[name]
         return shift
 
@@ -249,7 +253,7 @@ class Px4Parameters(CompassParameters):
         )
 
     def words(self) -> str:
-        """Write the parameters in force on one line, with their names.
+        """Names and values of the offset and of further parameters with an effect, on one line.
 
         >>> Px4Parameters(offset=np.array([0.0282, -0.2002, -0.1369]), compass=1).words()
         'CAL_MAG1_OFF 0.0282, -0.2002, -0.1369 G'
@@ -284,7 +288,9 @@ class Px4Parameters(CompassParameters):
 
 
 def mounting(rotation: int) -> Floats:
-    """(3, 3) R of a CAL_MAGn_ROT or SENS_BOARD_ROT, vehicle = R sensor; identity for −1, else `UsageError`.
+    """(3, 3) rotation R of a CAL_MAGn_ROT or SENS_BOARD_ROT, vehicle = R sensor; the identity for −1.
+
+    Raises `UsageError` for an unknown number.
 
     >>> mounting(6) @ [1, 0, 0]                                             # YAW_270: its x points to the left
     array([ 0., -1.,  0.])
@@ -325,7 +331,7 @@ def board_mounting(values: Mapping[str, float]) -> Floats:
 
 
 def compasses(values: Iterable[str]) -> tuple[int, ...]:
-    """Numbers of the compasses that have parameters, by the names of these.
+    """Numbers of the compasses that have parameters among these names.
 
     >>> compasses(["CAL_MAG0_XOFF", "CAL_MAG2_ID", "CAL_MAG_SIDES"])
     (0, 2)
@@ -391,7 +397,7 @@ def _write_lines(calibration: Calibration, line: Callable[[str, str], str], aske
     values |= of_estimator
 
     def apply(raw: Floats, value: float = 0.0) -> Floats:
-        """Apply the formula with a value in A or as a share, converted to the unit of COMP_TYP."""
+        """Correct raw readings; `value` is a current in A, or a throttle as a share."""
         return parameters.apply(raw, value / size) @ turn.T
 
     its_mounting = "" if new else f", and CAL_MAG{compass}_ROT its mounting"
@@ -414,6 +420,7 @@ FILE: Final = ParameterFile(Px4Parameters, _compasses_with_offsets, "CAL_MAG0_XO
 PX4: Final = Target(
     name="px4",
     use="PX4, file of QGroundControl",
+    group="autopilots",
     suffix=".params",
     title="PX4",
     formula="m = R S (r - OFF), S of SCALE and ODIAG, OFF subtracted, R the mounting",

@@ -1,10 +1,10 @@
 """The rotation of a calibration as a new mounting of the compass.
 
-A matrix W = Q P of a calibration both corrects (P, symmetric) and turns (Q). Firmware that stores only P receives Q as
-a mounting. If the mounting was A during the recording, the new mounting is
+The matrix W = Q P of a calibration both corrects (P, symmetric) and turns (Q). Firmware that stores only P receives Q
+as a mounting. If the mounting was A during the recording, the new mounting is
 
-    Q A        where the numbers act after the mounting (ArduPilot, Betaflight)
-    A Q        where they act before it (PX4, INAV)
+    Q A        if the firmware corrects after the mounting (ArduPilot, Betaflight)
+    A Q        if it corrects before the mounting (PX4, INAV)
 
 >>> from flinders.core.calibration import Calibration
 >>> from flinders.targets._mounting import euler
@@ -44,7 +44,7 @@ class Remounting:
     """A mounting that replaces the one in force."""
 
     mounting: Mounting
-    turn: Floats  #: (3, 3) Q of W = Q P as the firmware will hold it, in the recorded axes
+    turn: Floats  #: (3, 3) Q, rounded as the firmware will hold it, in the recorded axes
     in_force: Floats  #: (3, 3) the mounting that is replaced
 
     def words(self, setting: str) -> str:
@@ -60,8 +60,8 @@ def remounting(
 ) -> Remounting | None:
     """Return a mounting that includes the rotation of a calibration; None if negligible or undetermined.
 
-    `in_force`: (3, 3) mounting of the compass during the recording, vehicle = A sensor; `after`: the numbers act after
-    the mounting.
+    `in_force` is the (3, 3) mounting A of the compass during the recording, vehicle = A sensor. `after` says whether
+    the firmware corrects after the mounting.
     """
     turn = turn_of(in_recorded_axes(calibration)[0])
     if in_force is None or turn is None or np.linalg.det(turn) < 0:

@@ -13,15 +13,18 @@
 >>> read(find("ros-pipeline").render(calibration).text.encode(), "params.yaml").isclose(calibration)
 True
 
-Noise parameters are written if the noise is known. imu_filter_madgwick squares ``orientation_stddev`` into the
-covariance of the orientation that it publishes. robot_localization treats that as white noise of a yaw, with a default
-process noise of 0.06 rad²/s and 30 updates a second: the value is the noise at which it states the true error of its
-yaw (`ROBOT_LOCALIZATION`). ``magnetometer.noise_rad`` of FusionCore is the noise of a heading in a filter with a gyro
-and its bias (`FUSIONCORE`). The driver's ``magnetic_field_stddev`` (REP 145) becomes the covariance of the field in T²;
-it is written as a comment, since the driver sets it.
+Noise parameters are written if the noise is known.
+
+- ``orientation_stddev`` of imu_filter_madgwick: the filter squares it into the covariance of the orientation that it
+  publishes. robot_localization treats this covariance as white noise of a yaw, with a default process noise of
+  0.06 rad²/s and 30 updates a second. The value written makes robot_localization state the true error of its yaw
+  (`ROBOT_LOCALIZATION`).
+- ``magnetometer.noise_rad`` of FusionCore: noise of a heading in a filter with a gyro and its bias (`FUSIONCORE`).
+- ``magnetic_field_stddev`` of the driver (REP 145), which becomes the covariance of the field in T². It is written as a
+  comment, since it is a parameter of the driver.
 
 Sources: CCNY imu_tools, ``ImuFilterMadgwick.cfg`` (mag_bias, −10 to 10); ctu-vras magnetometer_pipeline,
-``bias_remover.cpp``: the code reads initial_mag_scaling_matrix, its README says initial_scaling_matrix, and is wrong;
+``bias_remover.cpp`` (the code reads initial_mag_scaling_matrix; the README's initial_scaling_matrix is wrong);
 cra-ros-pkg robot_localization, ``filter_base.cpp`` (process noise of the yaw); manankharwar/fusioncore,
 ``sensors/magnetometer.hpp`` (``soft_iron (m − hard_iron)``, ENU, field_tolerance a share of field_strength) and
 ``fusioncore.yaml`` (ukf.q_gyro_bias 1e-5 at each of 100 steps a second, imu.gyro_noise 0.005 rad/s); ROS REP 145.
@@ -136,7 +139,7 @@ def write_pipeline(calibration: Calibration, asked: ExportOptions) -> Written:
 def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
     """Read the parameters of magnetometer_pipeline back.
 
-    `strength`, µT: length of corrected readings, which the parameters do not hold; by default 50 µT.
+    `strength` is the length of corrected readings in µT, by default 50 µT; the parameters do not hold it.
 
     Raises `DocumentError` if numbers are missing.
     """
@@ -154,12 +157,12 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
 
 
 def _round_to_ten_digits(values: Floats) -> Floats:
-    """Round to the digits that are written."""
+    """Round numbers to the ten digits that are written."""
     return np.array([float(f"{value:.9e}") for value in values.ravel()]).reshape(values.shape)
 
 
 def _yaml(value: float | Floats) -> str:
-    """A number, or a list of numbers, to ten digits."""
+    """Text of a number or a list of numbers in YAML, to ten digits."""
     return yaml_text((np.asarray(value) + 0.0).tolist(), 9)
 
 
@@ -167,6 +170,7 @@ TARGETS: Final = (
     Target(
         name="ros-madgwick",
         use="ROS 2 imu_filter_madgwick",
+        group="ROS",
         suffix=".yaml",
         title="imu_filter_madgwick",
         formula="m - mag_bias",
@@ -181,6 +185,7 @@ TARGETS: Final = (
     Target(
         name="ros-pipeline",
         use="ROS magnetometer_pipeline",
+        group="ROS",
         suffix=".yaml",
         title="magnetometer_pipeline",
         formula="S (m - b)",
@@ -195,6 +200,7 @@ TARGETS: Final = (
     Target(
         name="fusioncore",
         use="ROS 2 FusionCore",
+        group="ROS",
         suffix=".yaml",
         title="FusionCore",
         formula="soft_iron (m - hard_iron)",

@@ -1,6 +1,6 @@
 """Mounting of a magnetometer on a robot: a fixed joint of URDF, and a static transform of ROS 2.
 
-Both give the frame of the sensor in its parent's frame: a vector m of the sensor is R m in the parent's,
+Both give the frame of the sensor in its parent's frame: a vector m in the frame of the sensor is R m in the parent's,
 
     R = R_z(yaw) R_y(pitch) R_x(roll)        ``rpy`` of a joint, in radians about the parent's axes
     R of (qx, qy, qz, qw)                    ``static_transform_publisher``

@@ -3,10 +3,10 @@
 
 enum { READINGS = FLINDERS_BOARD_READINGS, CELLS = 100, FEWEST = 12 };
 
-#define MAX_FREEDOM ((real)1.3) /* most that correlated residuals may take from a covariance */
-#define RECOUNT_SHARE ((real)0.1)       /* share of the extent; a larger move of the centre makes cells be counted again */
+#define MAX_FREEDOM ((real)1.3) /* largest factor for the part of correlated residuals that the parameters absorb */
+#define RECOUNT_SHARE ((real)0.1)       /* move of the centre, as a share of the extent, after which cells are counted again */
 
-/* Begin. */
+/* Reset to no readings. */
 void flinders_board_begin(flinders_board *board)
 {
     memset(board, 0, sizeof *board);
@@ -47,7 +47,8 @@ static void cells_of(const flinders_board *board, const real *readings, int n, u
     for (int i = 0; i < n; i++) out[i] = (uint8_t)cells[i];
 }
 
-/* Count the readings of cells again about another centre; readings that are not stored are shared out among cells. */
+/* Count the readings of each cell again about the present centre. Readings that are not stored are divided among the cells
+ * in proportion to the stored ones. */
 static void count_cells(flinders_board *board)
 {
     const int count = board->count;
@@ -59,7 +60,7 @@ static void count_cells(flinders_board *board)
         board->seen[cell] = (uint32_t)((uint64_t)board->stored[cell] * board->readings / board->count);
 }
 
-/* Widen the extent by a reading; before the first fit its middle is the centre of directions. */
+/* Widen the extent of the readings by one. Before the first fit, the middle of the extent is the centre of directions. */
 static void widen(flinders_board *board, const real reading[3])
 {
     int has_moved = board->readings == 1;
@@ -75,7 +76,7 @@ static void widen(flinders_board *board, const real reading[3])
     if (board->count) count_cells(board);
 }
 
-/* Remove a stored reading; later ones move up and keep their order. */
+/* Remove the stored reading number `which` of a cell; later readings move up and keep their order. */
 static void leave_out(flinders_board *board, uint8_t cell, uint32_t which)
 {
     int row = 0;
@@ -87,7 +88,8 @@ static void leave_out(flinders_board *board, uint8_t cell, uint32_t which)
 }
 
 /* Make room for a reading of a cell by removing one of the fullest cell. If that is the same cell, each of its readings has
- * the same chance to stay (J. S. Vitter, Random sampling with a reservoir, ACM TOMS 11 (1985)). Nonzero without room. */
+ * the same chance to stay (J. S. Vitter, Random sampling with a reservoir, ACM TOMS 11 (1985)). Returns 1 if the reading is
+ * not to be stored. */
 static int make_room(flinders_board *board, uint8_t cell)
 {
     uint8_t fullest = cell;
@@ -128,7 +130,7 @@ real flinders_board_seen(const flinders_board *board)
     return (real)count / CELLS;
 }
 
-/* The largest gap between directions of readings that are not rejected, degrees from its middle. */
+/* Radius of the largest gap between the directions of readings that are not rejected, degrees. */
 FL_APART static real hole_deg(const flinders_board *board, const real centres[CELLS][3], const unsigned char *rejected)
 {
     real nearest[CELLS], farthest = 1, direction[3];
@@ -146,7 +148,7 @@ FL_APART static real hole_deg(const flinders_board *board, const real centres[CE
     return fl_acos(farthest) * FL_TO_DEG;
 }
 
-/* Mean height of the directions, -1 to 1. */
+/* Mean height (z) of the directions, -1 to 1. */
 static real upright_of(const flinders_board *board, const real centres[CELLS][3])
 {
     real sum = 0;
@@ -164,14 +166,15 @@ FL_APART static real correlation_time(flinders_board *board, const fl_view *view
     return fl_time_of(autocovariance, fl_autocovariance(&residuals, autocovariance));
 }
 
-/* Factor by which correlated residuals widen a covariance, with the share that the parameters absorb. */
+/* Factor on a covariance for residuals with a correlation time, in readings. It also restores the part of correlated residuals
+ * that the nine parameters absorb. */
 static real widening(real used, real time)
 {
     const real independent = used / time, fewer = independent / (independent - 9 > 1 ? independent - 9 : 1);
     return time > 1 ? time * (fewer < MAX_FREEDOM ? fewer : MAX_FREEDOM) : 1;
 }
 
-/* Level heading for which advice is given. */
+/* Goal of the advice: the heading of a level vehicle. */
 static flinders_goal goal_of(const flinders_board *board, real dip_deg)
 {
     flinders_goal goal;
@@ -180,7 +183,7 @@ static flinders_goal goal_of(const flinders_board *board, real dip_deg)
     return goal;
 }
 
-/* Direction of the most useful next readings; their weight is reduced like that of correlated readings. */
+/* Store the direction of the most useful next readings in the answer. Their weight is reduced as for correlated readings. */
 FL_APART static void advise(flinders_board *board, const flinders_record *record, real variance)
 {
     const flinders_goal goal = goal_of(board, record->dip_deg);

@@ -35,30 +35,30 @@ typedef struct flinders_answer {
     int32_t verdict;                    /* the worst of `findings`; FLINDERS_REFUSES without a fit */
     uint8_t findings[FLINDERS_RULES_OF_A_FIT]; /* severity of each finding; `flinders_rule_of` has code and remedy */
     uint8_t is_checked[FLINDERS_RULES_OF_A_FIT]; /* 1 if the board checks the rule */
-    flinders_real offset[3];            /* unit of the readings */
+    flinders_real offset[3];            /* in the unit of the readings */
     flinders_real matrix[9];            /* row by row, determinant 1: corrected = matrix (reading - offset) */
     flinders_real field;                /* length of corrected readings, unit */
     flinders_real noise;                /* standard deviation of the distances from the ellipsoid, unit */
     flinders_real heading_rms_deg;      /* error of a level heading, 1 sigma, over all headings; NaN without a fit */
-    flinders_real heading_worst_deg;    /* at the worst heading */
-    flinders_real turn[3];              /* direction wanted for the field next, a unit vector in corrected axes */
-    flinders_real after_deg;            /* expected worst heading error after a few readings there */
+    flinders_real heading_worst_deg;    /* the same error at the worst heading, 1 sigma */
+    flinders_real turn[3];              /* wanted next direction of the field, a unit vector in corrected axes */
+    flinders_real after_deg;            /* expected worst heading error after some readings in that direction */
 } flinders_answer;
 
 typedef struct flinders_board {
-    flinders_real dip_deg;      /* inclination of the field, -89 to 89 (60) */
-    flinders_real target_deg;   /* target of the heading error (1) */
-    int32_t is_microtesla;      /* the unit of readings is microtesla (1) */
+    flinders_real dip_deg;      /* inclination of the field, degrees, -89 to 89 (60) */
+    flinders_real target_deg;   /* target of the heading error, degrees (1) */
+    int32_t is_microtesla;      /* 1 if readings are in microtesla (1) */
     flinders_answer answer;     /* of the last `flinders_board_solve`; offset, matrix and field of the last successful fit */
 
     /* Internal state of the library. */
-    uint32_t readings;          /* added, without repeats */
+    uint32_t readings;          /* number of readings added, without repeats */
     uint32_t random;
-    flinders_real centre[3], inverse[6]; /* of the surface used to assign cells */
+    flinders_real centre[3], inverse[6]; /* centre and inverse shape of the surface by which readings are assigned to cells */
     flinders_real lowest[3], highest[3];
-    uint16_t count;             /* readings stored */
-    uint16_t stored[100];       /* readings stored of each cell */
-    uint32_t seen[100];         /* readings added of each cell */
+    uint16_t count;             /* number of readings stored */
+    uint16_t stored[100];       /* number of readings stored, for each cell */
+    uint32_t seen[100];         /* number of readings added, for each cell */
     uint8_t cells[FLINDERS_BOARD_READINGS];
     unsigned char flags[3][FLINDERS_BOARD_READINGS];
     flinders_real field[3 * FLINDERS_BOARD_READINGS];
@@ -76,7 +76,7 @@ void flinders_board_begin(flinders_board *board);
  * 0, 0, 0 or −1, −1, −1, which a bus returns without an answer of the sensor. */
 int flinders_board_add(flinders_board *board, const flinders_real reading[3]);
 
-/* Share of a hundred equal cells of the sphere that hold a reading, 0 to 1. */
+/* Covered share of the sphere, 0 to 1: share of a hundred equal cells with a reading. */
 flinders_real flinders_board_seen(const flinders_board *board);
 
 /* Fit the stored readings, and fill `answer`; returns its status. */

@@ -18,10 +18,10 @@ static inline void writeRegister(uint8_t name, uint8_t value) {
   Wire.endTransmission();
 }
 
-// Request registers from a first one on; false without an answer.
+// Request `count` registers, beginning with register `name`; false without an answer.
 static inline bool request(uint8_t name, uint8_t count) {
   Wire.beginTransmission(FLINDERS_LIS3MDL_ADDRESS);
-  Wire.write((uint8_t)(name | 0x80));        // the next ones follow
+  Wire.write((uint8_t)(name | 0x80));        // bit 7: the following registers, too
   if (Wire.endTransmission() != 0) return false;
   return Wire.requestFrom(FLINDERS_LIS3MDL_ADDRESS, count) == count;
 }
@@ -31,7 +31,7 @@ static inline bool beginSensor() {
   writeRegister(0x20, 0x7C);                 // x and y: best performance, 80 Hz
   writeRegister(0x21, 0x00);                 // 4 gauss
   writeRegister(0x23, 0x0C);                 // z: best performance
-  writeRegister(0x24, 0x40);                 // low and high bytes of one measurement
+  writeRegister(0x24, 0x40);                 // keep low and high byte of one measurement together
   writeRegister(0x22, 0x00);                 // measure continuously
   return true;
 }

@@ -35,10 +35,10 @@ typedef struct flinders_service {
 
     /* Internal state of the library. */
     uint32_t origin_ms;           /* time of the board's clock at time 0 of `online` */
-    uint32_t sequence;            /* of the last stored record; 0: none */
+    uint32_t sequence;            /* number of the last stored record; 0: none */
     flinders_real watched, watched_at; /* `online.watched` at the last count, and its time */
-    flinders_real moved_by, moved_at; /* unit, s */
-    flinders_real stored[9], stored_deg, stored_at, stored_moves; /* of the last stored record */
+    flinders_real moved_by, moved_at; /* size and time of the last move of the offset, unit and s */
+    flinders_real stored[9], stored_deg, stored_at, stored_moves; /* calibration, error, time and moves of the last record */
     flinders_real workspace[(FLINDERS_ONLINE_WORKSPACE + sizeof(flinders_real) - 1) / sizeof(flinders_real)];
 } flinders_service;
 
@@ -56,10 +56,10 @@ typedef struct flinders_service_answer {
 /* A stored record. There are two places, used in turn by `sequence`, so that the newest record is never overwritten. */
 typedef struct flinders_stored {
     uint32_t version, sequence;
-    uint32_t clock_s;             /* of a clock that runs while the board is off; 0: none */
+    uint32_t clock_s;             /* time of a clock that runs while the board is off; 0: none */
     int32_t is_level;
     float in_force[9], latest[9]; /* offset and shape, unit */
-    float covariance[45];         /* of the latest, its lower triangle row by row, unit² */
+    float covariance[45];         /* covariance of `latest`: lower triangle, row by row, unit² */
     float latest_s, moved_s;      /* ages at the time of storing; NaN: never moved */
     float worst_deg;              /* stated worst heading error at that time */
     float target_deg, dip_deg;
@@ -94,7 +94,7 @@ void flinders_service_slept(flinders_service *service, flinders_real seconds);
 void flinders_service_answer_at(const flinders_service *service, uint32_t ms, flinders_service_answer *answer);
 
 /* Whether to store the calibration in force: if none is stored; ten minutes after the last write if the offset has moved;
- * else an hour after it, if the stored one, restored now, would be clearly worse. */
+ * else an hour after that write, if the stored calibration would be clearly worse, were it restored now. */
 int flinders_service_wants_storing(flinders_service *service);
 
 /* Make the next record to store, and its place, 0 or 1. The record counts as stored. */

@@ -22,7 +22,7 @@ static uint16_t checksum(const unsigned char *bytes, int n)
     return crc;
 }
 
-/* Put a number into four bytes. */
+/* Store a number in four bytes. */
 static void put(unsigned char *bytes, flinders_real number)
 {
     const float single = (float)number;
@@ -31,7 +31,7 @@ static void put(unsigned char *bytes, flinders_real number)
     for (int i = 0; i < 4; i++) bytes[i] = (unsigned char)(bits >> 8 * i);
 }
 
-/* Take a number from four bytes. */
+/* Read a number from four bytes. */
 static flinders_real number_at(const unsigned char *bytes)
 {
     float single;

@@ -5,7 +5,7 @@
 
 enum { VERSION = 1, PERIOD_S = 4096, PERIOD_MS = PERIOD_S * 1000, MOVED_AGAIN_S = 600, BETTER_AGAIN_S = 3600 };
 
-#define MAX_ERROR_RATIO ((real)0.8) /* largest ratio of heading errors, in force to stored, that is worth a write or adoption */
+#define MAX_ERROR_RATIO ((real)0.8) /* largest ratio of heading errors, in force to stored, that is worth a write */
 
 /* Seconds of the board's clock since the origin; negative after a step back. */
 static real seconds_at(const flinders_service *service, uint32_t ms)
@@ -197,7 +197,7 @@ int flinders_service_store(flinders_service *service, uint32_t clock_s, flinders
     return (int)(record->sequence & 1);
 }
 
-/* Read the numbers of a record. */
+/* Restore the state from the numbers of a record. */
 static int take(flinders_service *service, const flinders_stored *record, real off)
 {
     flinders_online *const online = &service->online;

@@ -15,7 +15,7 @@ import { apply } from "./linear.js";
 /** @typedef {"heading" | "attitude"} Goal */
 /** @typedef {"sensor" | "vehicle"} Frame */
 
-/** Largest error in any direction of a fit for which a path is planned, degrees. */
+/** Largest error of a fit, in its worst direction, with which a path is planned, degrees. */
 const MAX_PATH_ERROR_DEG = 10;
 /** Assumed turn rate of a hand, degrees a second, for the number of readings along a path. */
 const TURN_RATE_DEGPS = 90;

@@ -8,7 +8,7 @@
 /**
  * Readings of one batch.
  * @typedef {object} Rows
- * @property {ArrayLike<number>} time  N, in s; NaN where there is none.
+ * @property {ArrayLike<number>} time  (N) seconds; NaN without a time.
  * @property {ArrayLike<number>} field  3 N
  * @property {ArrayLike<number> | null} [acceleration]  3 N
  *
@@ -17,7 +17,7 @@
  */
 
 const INITIAL_CAPACITY = 4096;
-/** Most steps that can be undone, and most excluded spans. */
+/** Largest number of steps that can be undone, and of excluded spans. */
 const MAX_UNDO_STEPS = 200;
 const MAX_SPANS = 1000;
 
@@ -33,7 +33,7 @@ export function strideFor(total, most) {
     return stride;
 }
 
-/** Converts times of a source to the timeline of a session, which never decreases. */
+/** Converts the times of a source to the times of a session, which never decrease. */
 export class Timeline {
     constructor() {
         this.last = NaN;
@@ -42,7 +42,8 @@ export class Timeline {
     }
 
     /**
-     * After a clock was set back, the timeline continues from its last time; a missing time is that of the reading before.
+     * Times of the session for times of the source. After the clock was set back, the session's time continues from its
+   * last time. A reading without a time has that of the reading before.
      * @param {ArrayLike<number>} times
      * @returns {Float64Array}
      */
@@ -71,7 +72,7 @@ export class ReadingBuffer {
         this.accelerations = null;
         /** The newest reading with its acceleration, even if not in memory. */
         this.latest = new Float64Array(6).fill(NaN);
-        /** Time of the newest; 0 before the first. */
+        /** Time of the newest reading, s; 0 before the first. */
         this.seconds = 0;
     }
 

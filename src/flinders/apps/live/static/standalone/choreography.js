@@ -24,9 +24,9 @@ import { farOf, seenOf } from "./gaps.js";
  * @property {boolean} isHeld  whether to take this attitude first; else the turn starts from the present one
  * @property {Vector} axis
  * @property {string} words
- * @property {number} share  of a whole turn
+ * @property {number} share  angle, as a share of a whole turn
  *
- * A path of readings as beads, points at some distance from each other, and the bend of the path, rad.
+ * A path of readings: its beads (readings at some distance from each other), and the bend of the path, rad.
  * @typedef {{beads: readonly Vector[], bend: Vector}} Path
  */
 
@@ -55,29 +55,32 @@ export const BODIES = /** @type {const} */ (["board", "phone", "drone", "car", "
 const WHOLE_TURN = 5.6;
 /** Axes of turns nearer to each other than this, radians, count as one. */
 const MAX_AXIS_DIFFERENCE = 0.6;
-/** Longest duration of a step, s, after which it counts as done; longer for a large body. */
+/** Longest duration of a step, s, after which the step counts as done: of a body in the hand, and of a large body. */
 const [LONGEST_S, LARGE_S] = [12, 25];
-/** Least width of a turn's loop, in field strengths; while the strength is unknown, bends count by this share. */
+/** Smallest diameter of the loop of a turn, in field strengths. While the strength is unknown, bends count by the
+ * second number. */
 const [LOOP, UNSURE] = [0.85, 0.87];
-/** Distance of beads: a share of the field strength, or a number of standard deviations of noise up to another share. */
+/** Distance of the readings kept of a path (beads): the first share of the field strength, or the second number of
+ * standard deviations of the noise, at most the third share of the field strength. */
 const [APART, CLEAR, WIDEST] = [0.08, 8, 0.3];
-/** Sharper bends, radians, count as a reversal and not as a bend. */
+/** Smallest bend, radians, that counts as a reversal of the turn and not as a bend. */
 const MIN_REVERSAL = 2;
-/** Distance of beads of gravity, m/s². */
+/** Distance of the accelerations kept of a path, m/s². */
 const GRAVITY_APART = 1.2;
-/** Longer times between beads, s, are a rest. */
+/** Shortest time between beads, s, that counts as a rest. */
 const REST_S = 1;
-/** Directions nearer than this to covered ones, radians, are not needed; and the spacing of checked directions. */
+/** Smallest angle from a direction to the covered ones for which readings are needed, and spacing of the checked
+ * directions, radians. */
 const [FAR, STEP] = [1, 0.25];
-/** With a larger heading error, the directions of readings count as unknown, degrees. */
+/** Largest heading error with which the directions of readings count as known, degrees. */
 const MAX_KNOWN_ERROR_DEG = 20;
-/** Least bend to judge a turn, radians: earlier bends may belong to the turn before. */
+/** Smallest bend with which a turn is judged, radians, as earlier bends may belong to the turn before. */
 const HALF = 2.8;
-/** Turns that are always needed. */
+/** Number of turns that are always needed. */
 const MIN_TURNS = 2;
-/** Least bend that determines the axis of a turn, radians. */
+/** Smallest bend that determines the axis of a turn, radians. */
 const MIN_AXIS_BEND = 1.2;
-/** Readings for an estimate of the noise. */
+/** Smallest number of readings for an estimate of the noise. */
 const NOISE_READINGS = 12;
 
 /** Share of a whole turn for a body in the hand: two of these and the arrow to the remaining gap need fewer degrees. */

@@ -50,7 +50,7 @@ export function tilesOf(vectors, centres) {
     return tiles;
 }
 
-/** Largest difference in height of a direction and the centre of its tile. */
+/** Largest difference in height (z) of a direction and the centre of its tile. */
 const TILE_HEIGHT = 0.15;
 
 /**
@@ -81,7 +81,7 @@ function nearestOf(x, y, z, centres) {
 }
 
 /**
- * Numbers in threes.
+ * A flat array as rows of three numbers.
  * @param {ArrayLike<number>} numbers
  * @returns {number[][]}
  */

@@ -17,7 +17,7 @@
  */
 
 /**
- * A record of the engine by the names of `flinders_record`; arrays for fields with several numbers.
+ * Result of a fit: the fields of `flinders_record` by name. Fields with several numbers are arrays.
  * @typedef {Record<string, number> & Record<ArrayField, number[]>} Fitted
  * @typedef {"end_counts" | "swaps" | "first_swap" | "centre" | "shape" | "covariance" | "textbook" | "majority_centre" |
  *     "majority_shape" | "mean" | "principal_variances" | "lowest" | "highest" | "hole" | "drift_offset" |
@@ -34,7 +34,7 @@
  */
 
 /**
- * Estimate before the next reading, as `flinders_belief`.
+ * An estimate with its covariance, from which advice on further readings is computed; as `flinders_belief`.
  * @typedef {{centre: number[], shape: number[], covariance: ArrayLike<number>, variance: number, readings: number}} Belief
  *
  * Goal of further readings, as `flinders_goal`.
@@ -49,10 +49,10 @@
  * @property {number} gain Factor by which undoing the swap reduces the residuals.
  */
 
-/** @typedef {[weakest: number, strongest: number]} Strengths Of the field, in the unit of the readings; 0 and infinity: unknown. */
+/** @typedef {[weakest: number, strongest: number]} Strengths Limits of the field strength, in the unit of the readings; 0 and infinity if unknown. */
 
 /**
- * Inputs of a judgement, as `flinders_request`.
+ * Inputs for the judgement of a fit, as `flinders_request`.
  * @typedef {{target_deg: number, field_strength: number, is_strength_known: number, is_microtesla: number,
  *     shrinks: number}} Asked
  *
@@ -506,11 +506,11 @@ export class Engine {
 
     /**
      * Runs of readings that a fit leaves out.
-     * @param {Float64Array} distances From the surface.
+     * @param {Float64Array} distances Distances of the readings from the surface.
      * @param {Uint8Array} out Whether each reading is left out.
      * @param {import("./rests.js").Once} once First and last row of each reading.
-     * @param {Float64Array | null} time Of the rows.
-     * @param {number} listed Runs, at most.
+     * @param {Float64Array | null} time Times of the rows, s.
+     * @param {number} listed Largest number of listed runs.
      * @returns {import("./outliers.js").Outlier[]}
      */
     outliers(distances, out, { first, last }, time, listed) {

@@ -13,14 +13,14 @@ import { viewOf } from "./view.js";
 /** @typedef {import("./engine.js").Engine} Engine */
 /** @typedef {import("./findings.js").Finding} Finding */
 
-/** Advice for a level turn that reaches the target, by goal, as further level turns would not help. */
+/** Advice after a level turn that reaches the target, by goal; further level turns would not help. */
 export const WHILE_LEVEL = {
     heading: "it is good while level",
     attitude: "it is good while level; for headings that hold when it is tilted, turn it tilted and upside down too",
 };
 
 /**
- * The user's settings for a fit.
+ * Settings for a fit: the user's, and those of the session.
  * @typedef {object} Wish
  * @property {import("./advice.js").Goal} goal
  * @property {ArrayLike<number> | null} [numbers] Numbers of the readings in the session.

@@ -46,10 +46,10 @@ const UNMOVED = 5;
  * @property {Float64Array} near Fitted readings close to the surface and at no end of an axis.
  * @property {import("./engine.js").Coverage} coverage Directions of the fitted readings without outliers.
  * @property {Outlier[]} outliers
- * @property {import("./rests.js").Rests} rests Rests of the readings at no end of an axis, and …
- * @property {Float64Array | null} when … their times.
- * @property {Uint8Array} isOut For each reading of the request, whether it was left out, and …
- * @property {Uint8Array} isRail … whether it is at an end of an axis.
+ * @property {import("./rests.js").Rests} rests Rests of the readings at no end of an axis.
+ * @property {Float64Array | null} when Times of the readings at no end of an axis, s.
+ * @property {Uint8Array} isOut For each reading of the request, whether it was left out.
+ * @property {Uint8Array} isRail For each reading of the request, whether it is at an end of an axis.
  * @property {boolean} isAlone The record of all readings shows a turn out of one plane, and no place is known.
  */
 
@@ -262,7 +262,7 @@ function farthestOf({ outliers }) {
 }
 
 /**
- * A steady change over the recording, without outliers.
+ * A steady change of the field over the recording, found without the outliers.
  * @param {Fitted} record
  * @param {Left} left
  * @param {Engine} engine

@@ -55,7 +55,7 @@ function geocentric(latitude) {
  * North, east and down of the field on a sphere, nT: the sum of its harmonics.
  *
  * Of the associated Legendre functions, normalised after Schmidt, `value` is P, `slope` is ∂P/∂θ and `share` is P / sin θ,
- * which is a number at the poles, too.
+ * which is finite at the poles, too.
  * @param {number[][]} coefficients
  * @param {number} years  since the epoch
  * @param {number} radius

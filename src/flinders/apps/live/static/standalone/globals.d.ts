@@ -1,2 +1,2 @@
-/** What `flinders.apps.live.standalone.package` writes at the head of the service worker. */
+/** Constants that `flinders.apps.live.standalone.package` writes at the head of the service worker. */
 declare const PAGE: { version: string; files: string[]; scene: string; kept: string };

@@ -8,7 +8,7 @@ import { ANY_ANGLE_DEG, anyAngle, fillTemplate, UPSIDE_DOWN } from "./wording.js
 /** @typedef {Pick<import("./data.d.ts").EngineData, "leads" | "reaches"> & {leftOut: string, smallErrorDeg: number}} Tables */
 
 /**
- * Claim of a fit on headings; NaN for a number that is unknown.
+ * Claimed heading errors of a fit; NaN for an unknown number.
  * @typedef {{worstDeg: number, boundDeg: number, targetDeg: number, limitDeg: number}} Claim
  *
  * First cause of a verdict that is not good: what it affects, and its words.

@@ -46,7 +46,7 @@ export class Keeper {
     }
 
     /**
-     * Store the readings of a buffer from a number on, within a second.
+     * Store the readings of a buffer from number `before` on; they are written within a second.
      * @param {Of} of  the source
      * @param {ReadingBuffer} buffer
      * @param {number} before

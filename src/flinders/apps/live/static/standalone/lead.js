@@ -45,15 +45,15 @@ import { languageCode, phrase, translation } from "../language.js";
  * @property {readonly number[]} centres  of the tiles of the sphere
  */
 
-/** Least duration of an instruction, and longest duration of an unreached target, s. */
+/** Shortest duration of an instruction, and longest duration of a target that is not reached, s. */
 const [STANDS_S, TARGET_S] = [3, 5];
-/** Most changes of words in a period, and the period, s. */
+/** Largest number of changes of words in a period, and the period, s. */
 const [MOST, WITHIN_S] = [12, 60];
-/** Kinds that are shown at once. */
+/** Kinds of instructions that are shown at once. */
 const AT_ONCE = ["wrong", "ended", "finished", "wait"];
 /** Angle within which a target counts as reached, radians. */
 const TARGET_ANGLE = 0.3;
-/** Least radius of a gap to be closed, radians; the finding `coverage` begins at 60°. */
+/** Smallest radius of a gap to be closed, radians; the finding `coverage` begins at 60°. */
 const GAP = 0.96;
 
 /**
@@ -154,7 +154,7 @@ function endedWords({ phase, told, words, reasons }, view) {
 }
 
 /**
- * Words on the next turn, within a sentence.
+ * Words on the next turn, for the middle of a sentence.
  * @param {View | null} view
  */
 function goOn(view) {

@@ -15,7 +15,7 @@ import { ahead, every, largest, replaceAll, stripStart, whole } from "./patterns
  * @typedef {{cells: number[], rank: number, words: string[], name: string, isReadings: boolean}} Vector
  */
 
-/** Most cached names, since garbage on a wire has ever new ones. */
+/** Largest number of cached names, as garbage on a wire has ever new names. */
 const MAX_CACHED_NAMES = 4096;
 const NOTHING = { kind: "", axis: "", unit: "", rank: 0 };
 const LETTERS = /^\p{L}+$/u;

@@ -5,17 +5,17 @@ import { groupText } from "./numbers.js";
 /**
  * A run of outliers.
  * @typedef {object} Outlier
- * @property {number} first First row, and …
- * @property {number} last … last row, counted from 1, among readings at no end of an axis.
+ * @property {number} first First row, counted from 1, among readings at no end of an axis.
+ * @property {number} last Last row, counted in the same way.
  * @property {number} rows Number of outliers.
- * @property {number} fitted Number of outliers in the terms of the fit, with each rest as one or none.
+ * @property {number} fitted Number of outliers as the fit counts them, with each rest as one reading or none.
  * @property {number} start
  * @property {number} end Seconds; NaN without times.
  * @property {number} farthest Largest distance from the ellipsoid.
  */
 
 /**
- * A run in words: `flinders.findings.words.outlier_run`.
+ * A run of outliers in words, as `flinders.findings.words.outlier_run`.
  * @param {number[]} run First and last reading, outliers, first and last time, outliers in the terms of the fit.
  * @returns {string}
  */

@@ -10,7 +10,7 @@ import { ahead, replaceAll, stripLetters, stripEnd, stripStart, whole } from "./
  * @typedef {{numbers: string[], gaps: string[]}} Cut
  */
 
-/** Most kinds of lines with cached names. */
+/** Largest number of kinds of lines with cached names. */
 const MAX_CACHED_KINDS = 1024;
 const NUMBER = /^[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?$/i;
 const INFINITE = /^([-+]?)inf(?:inity)?$/i;

@@ -14,22 +14,22 @@ import { phrase } from "../language.js";
 /** @typedef {{field: Float64Array, time: Float64Array}} Readings */
 
 const DEG = 180 / Math.PI;
-/** Duration of equal readings, s, at least ten readings, after which a sensor counts as stopped. */
+/** Duration, s, and number of equal readings after which a sensor counts as stopped. */
 const [STALE_S, STALE_ROWS] = [2, 10];
-/** Duration, s, and number of readings with one constant axis after which that is reported. */
+/** Duration, s, and number of readings after which a constant axis is reported. */
 const [FROZEN_S, FROZEN_ROWS] = [2, 20];
-/** Least share of changes in the earlier steps of such an axis, as a coarse axis may be constant for a while. */
+/** Smallest share of earlier readings in which that axis had changed; a coarse axis is often constant for a while. */
 const MIN_CHANGES_SHARE = 0.9;
-/** Least motion of the other axes meanwhile, as a share of their range so far. */
+/** Smallest motion of the other axes in that time, as a share of their range so far. */
 const MIN_MOTION_SHARE = 0.1;
-/** Duration without a turn, s, and the angle of a turn, degrees, after which the user is reminded. */
+/** Duration without a turn, s, after which the user is reminded, and smallest angle of a turn, degrees. */
 const [STILL_S, STILL_DEG] = [2, 5];
 /**
  * Findings of a fit are shown once its error in targets is small enough, or enough of the sphere is covered, or after
  * enough seconds of readings.
  */
 const [CONVERGED, CONVERGED_FRACTION, CONVERGED_S] = [5, 0.7, 30];
-/** Least share of outliers in an interval of runs, and the most intervals offered. */
+/** Smallest share of outliers in an interval to be left out, and largest number of such intervals. */
 const [DENSE, OFFERED] = [0.5, 3];
 /** Alarms that further turning cannot end. */
 export const AT_ONCE = ["saturated", "soft-iron-changed"];

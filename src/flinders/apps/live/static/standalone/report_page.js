@@ -19,7 +19,7 @@ import { degrees, measuredText, sentence, significant, things } from "../views/w
 
 const NEEDLE = '<svg viewBox="0 0 32 32" aria-hidden="true"><circle class="case" cx="16" cy="16" r="14"/><path class="north" d="M16 5.5 20 16h-8z"/><path class="south" d="M16 26.5 12 16h8z"/></svg>';
 const CSP = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'";
-/** Most readings in a drawing. */
+/** Largest number of readings in a drawing. */
 const MAX_DRAWN_READINGS = 1500;
 const SIDE = 240;
 const [WIDE, HIGH, EDGE] = [760, 220, 44];

@@ -1,17 +1,17 @@
-/** Readings of a fit with each rest as one or none, as `flinders.estimators.rests`. */
+/** Readings of a fit, with each rest as one reading or none; as `flinders.estimators.rests`. */
 
 /**
- * Rests found by the engine.
+ * Rests (intervals of still readings) found by the engine.
  * @typedef {object} Rests
  * @property {[number, number][]} bounds First row of each, and the row after its last.
- * @property {boolean} areLeftOut A fit leaves rests out; else it uses the mean of each.
+ * @property {boolean} areLeftOut Whether a fit leaves rests out; otherwise it uses the mean of each.
  */
 
 /**
  * @typedef {object} Once
  * @property {Float64Array} field Three numbers a reading.
- * @property {number[]} first First row of each reading, and …
- * @property {number[]} last … its last row.
+ * @property {number[]} first First row of each reading.
+ * @property {number[]} last Last row of each reading.
  */
 
 /** @type {Rests} */

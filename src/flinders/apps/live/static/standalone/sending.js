@@ -12,7 +12,7 @@ const [PIECE, PAUSE_MS] = [16, 10];
 const [SLACK, SHARE, FEWEST_PLACES] = [1e-4, 3e-5, 2];
 const MAX_TEXT = 4096;
 const NUMBERS = { Cal1: 10, Cal2: 9 };
-/** Indices of a packet's sixteen numbers in the two lines. */
+/** Indices, among the packet's sixteen numbers, of the numbers in each of the two lines. */
 const IN_LINES = { Cal1: [0, 1, 2, 3, 4, 5, 6, 7, 8, 9], Cal2: [10, 13, 14, 13, 11, 15, 14, 15, 12] };
 
 /** @typedef {keyof typeof NUMBERS} Line */
@@ -47,7 +47,7 @@ export class Echoes {
         return names().every((name) => this.heard[name] && this.#wrong(name) < 0);
     }
 
-    /** Least number of decimals in the board's output. */
+    /** Smallest number of decimals in the board's output. */
     get places() {
         return Math.min(...names().flatMap((name) => this.heard[name]?.map(placesOf) ?? []));
     }

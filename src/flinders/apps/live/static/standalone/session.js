@@ -21,27 +21,27 @@ import { numeral, phrase } from "../language.js";
 
 /** Limits and periods of a session. */
 export const RULES = Object.freeze({
-    /** Most readings in memory, shown, and in a fit. */
+    /** Largest numbers of readings in memory, shown, and in a fit. */
     capacity: 1 << 20,
     shown: 40_000,
     fitted: 20_000,
-    /** Largest share of a core for fits, and the least time between fits, s. */
+    /** Largest share of a processor core for fits, and shortest time between fits, s. */
     share: 0.03,
     fastest_s: 0.25,
     rate_s: 2,
-    /** Consecutive fits within the target needed to report it, or the distance of two such fits, s. */
+    /** Number of consecutive fits within the target, or time between two such fits, s, after which it is reported. */
     enough_fits: 3,
     sure_s: 1,
-    /** Coverage and duration, s, after which findings become an alarm, and the duration for any coverage. */
+    /** Coverage and duration, s, after which findings become alarms; and the duration without regard to coverage. */
     whole: 0.95,
     settled_s: 5,
     lasting_s: 75,
-    /** Time without a reading, s, after which it is reported, or the same in steps of a slow sensor. */
+    /** Time without a reading after which that is reported, s, or in steps of a slow sensor. */
     silent_s: 3,
     silent_steps: 5,
     /** Duration of worse fits, s, after which a change since the kept fit is reported. */
     changed_s: 2,
-    /** Largest tilt, degrees; a calibration within the target up to it needs no remark on tilt. */
+    /** Tilt, degrees, up to which a calibration within the target needs no remark on tilt. */
     level_deg: 89,
     assumed_dip_deg: 60,
     /** Uncertainties of the field at a place: typical gain errors of sensors, and the dip of the model. */
@@ -119,7 +119,7 @@ export const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
 
 /** @type {Evaluated} */
 const NO_FIT = { key: -1, view: null, refusal: "", refusalCode: "", reasons: [], used: 0, rejected: 0, coverage: 0, alarms: [], record: null, previous: null };
-/** Later than all times, s. */
+/** A time later than all others, s. */
 const END = 1e9;
 const MAX_DIP_DEG = 89;
 
@@ -134,7 +134,7 @@ export class Series {
         this.buffer = new ReadingBuffer(capacity);
         this.unit = unit;
         this.isTimed = isTimed;
-        /** Number of a log on a server. */
+        /** Number that the server gave to a log. */
         this.number = "";
         /** @type {"sensor" | "vehicle"} frame of the readings */
         this.frame = "sensor";
@@ -147,10 +147,10 @@ export class Series {
         this.site = null;
         /** @type {number | null} start of a pause, during which readings are left out */
         this.pausedAt = null;
-        /** @type {number | null} time of the last reading of the finished calibration; later ones are held back */
+        /** @type {number | null} time of the last reading of the finished calibration; later readings wait */
         this.finishedS = null;
         this.generation = 1;
-        /** Changes with the inputs of a fit; fits with a key below `firstKey` are of other readings. */
+        /** Number that rises with each change of the inputs of a fit. Fits below `firstKey` are of other readings. */
         this.key = 0;
         this.firstKey = 0;
         this.evaluated = NO_FIT;
@@ -177,7 +177,7 @@ export class Series {
         return this.finishedS === null ? this.excluded : mergeSpans([...this.excluded, [nextAfter(this.finishedS), END]]);
     }
 
-    /** Number of readings after Finish. */
+    /** Number of readings since Finish. */
     get since() {
         return this.finishedS === null ? 0 : this.buffer.countWithin([[nextAfter(this.finishedS), END]]);
     }
@@ -625,7 +625,7 @@ export class Session {
         return [];
     }
 
-    /** Inputs of a kept fit: edits without pause, Finish, and later exclusions. @param {Edits} edits */
+    /** Edits for a kept fit: the session's edits without pause, Finish and later exclusions. @param {Edits} edits */
     #ofKept({ excluded, paused_s: _, finished_s: __, ...others }) {
         const until = this.live.kept?.seconds ?? -Infinity;
         return JSON.stringify([others, excluded.filter(([start]) => start <= until).map(([start, end]) => [start, Math.min(end, until)])]);

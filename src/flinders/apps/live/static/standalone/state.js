@@ -99,7 +99,7 @@ function phaseOf(session) {
 }
 
 /**
- * Phase while a kept fit replaces the worse newest fit, whose reasons are shown as information.
+ * Phase while a kept fit replaces a worse, newer fit; the reasons of the newer fit are shown as information.
  * @param {Session} session
  * @param {import("./session.js").Kept} kept
  * @returns {[State["phase"], string, string | null, Reason[]]}
@@ -116,7 +116,7 @@ function ofKept(session, { view, seconds }) {
 }
 
 /**
- * The error to expect, and the bound of all headings where headings are the goal.
+ * Expected error of a fit in words, with the bound for all headings if headings are the goal.
  * @param {Session} session
  * @param {View} view
  */

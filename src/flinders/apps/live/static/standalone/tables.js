@@ -13,14 +13,14 @@ import { countKeys, largest, median, replaceAll, stripLetters, whole } from "./p
  * The columns to read.
  * @typedef {object} Columns
  * @property {number[]} field Places of x, y and z.
- * @property {string[]} names Of these, or their numbers from 1.
- * @property {string} unit The recorded one: `uT`, `mG` … or `counts`.
+ * @property {string[]} names Names of these columns, or their numbers from 1.
+ * @property {string} unit The recorded unit: `uT`, `mG` … or `counts`.
  * @property {number} [scale] µT of a count, if the user states it.
  * @property {number[] | null} acceleration Places of the acceleration.
  * @property {Sensor | null} only The rows to read, if a column names the sensor of each row.
  * @property {{cell: number, name: string, factor: number, start: number, fraction: number | null, clock: Clock | null} | null} time
- *     Its place, seconds in one unit, its start, the place of nanoseconds that belong to it, and its clock if it is not a
- *     number.
+ *     The time column: its place and name, seconds in one unit, first time, place of a column of nanoseconds, and clock of
+ *     times of day; null without times.
  */
 
 /**
@@ -45,7 +45,7 @@ import { countKeys, largest, median, replaceAll, stripLetters, whole } from "./p
  */
 
 /**
- * Names and first rows to show for that choice.
+ * Names and first rows of a table, shown for the choice.
  * @typedef {{names: string[], rows: string[][]}} Asked
  */
 
@@ -80,7 +80,7 @@ export class Unclear extends Unreadable {
 
 /** Rows to show for the choice. */
 const SHOWN_ROWS = 5;
-/** Most words of a column's name. */
+/** Largest number of words in a column's name. */
 const MAX_NAME_WORDS = 3;
 
 export class Tables {

@@ -54,7 +54,7 @@ const WIDTH = 78;
  * @returns {TargetInfo[]}
  */
 export function targetsOf({ targets }) {
-    return targets.rows.map((/** @type {TargetInfo & {use: string}} */ { name, use, suffix }) => ({ name, title: use, suffix }));
+    return targets.rows.map((/** @type {TargetInfo & {use: string}} */ { name, use, suffix, group }) => ({ name, title: use, suffix, group }));
 }
 
 /**

@@ -162,7 +162,7 @@ function surfaceView({ surface, strength, noise, plane }, vectors) {
 }
 
 /**
- * Lengths of corrected readings relative to the field; for a level turn, to their mean in its plane.
+ * Differences of the corrected lengths from the field strength; for a level turn, from their mean in its plane.
  * @param {Float64Array} vectors
  * @param {Fit["plane"]} plane
  * @returns {number[]}

@@ -27,7 +27,7 @@ export function angle(degrees) {
     return degrees < ANY_ANGLE_DEG ? `${numeral(figures(degrees))}°` : anyAngle();
 }
 
-/** @returns {string} An angle that says nothing. */
+/** @returns {string} Words for an undetermined angle. */
 export function anyAngle() {
     return phrase("error.any-angle", "any angle");
 }

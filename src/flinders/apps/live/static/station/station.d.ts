@@ -15,7 +15,7 @@ export interface ShownResult {
   numbers: Array<[string, string]>;
 }
 
-/** State for the page. */
+/** State of a station, for the page of the operator. */
 export interface StationState {
   phase: "ready" | "confirm" | "testing" | "judging" | "result";
   serial: string;
@@ -31,7 +31,7 @@ export interface StationState {
   newest: Array<ShownResult>;
 }
 
-/** A pose to take, or a motion of the fixture, for some seconds. */
+/** A step of a motion: a pose to take, or a motion of the fixture, for some seconds. */
 export interface MotionStep {
   words: string;
   seconds: number;
@@ -51,7 +51,7 @@ export interface PageFacts {
   target_deg: number;
 }
 
-/** Action of an operator. */
+/** Request of the page: an action of the operator. */
 export interface Asked {
   do: "start" | "finish" | "abort" | "next" | "operator";
   serial: string;

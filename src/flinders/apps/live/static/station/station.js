@@ -35,7 +35,7 @@ let facts;
 let state = null;
 let heardAt = 0;
 let isFinishing = false;
-/** Number of requests and answers, to drop an outdated state. */
+/** Number that rises with each request and each answer; a state requested before its rise is outdated, and dropped. */
 let turn = 0;
 let isRefreshing = false;
 let frameAsked = false;

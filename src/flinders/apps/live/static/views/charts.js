@@ -9,7 +9,7 @@
 
 import { Density, Panel } from "./plot.js";
 
-/** Most crosses in one chart. */
+/** Largest number of crosses in one chart. */
 const MAX_CROSSES = 400;
 
 /** @typedef {readonly [number, number]} Place  in pixels of the chart */

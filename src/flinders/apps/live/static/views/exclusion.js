@@ -24,7 +24,7 @@ export class Exclusion {
     /**
      * @param {HTMLElement} head  of the panel
      * @param {Page} page
-     * @param {(start_s: number | null, end_s: number | null) => void} mark  a stretch in the chart
+     * @param {(start_s: number | null, end_s: number | null) => void} mark  a span of time in the chart
      */
     constructor(head, page, mark) {
         this.page = page;

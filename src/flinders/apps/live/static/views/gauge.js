@@ -122,7 +122,7 @@ function dial(target, theme) {
 
 /**
  * @param {number} deg
- * @returns {string} 0.5°, 1°, 10°, without trailing zeros.
+ * @returns {string} An angle without trailing zeros: 0.5°, 1°, 10°.
  */
 function number(deg) {
     return numeral(`${Number(deg.toPrecision(2))}°`);
@@ -131,7 +131,7 @@ function number(deg) {
 /**
  * @param {number} angle Degrees from the top, clockwise.
  * @param {number} radius
- * @returns {[number, number]}
+ * @returns {[number, number]} Place at an angle and a distance from the middle of the dial.
  */
 function at(angle, radius) {
     const turned = (angle * Math.PI) / 180;

@@ -18,14 +18,14 @@ import { phrase } from "../language.js";
 /** @typedef {readonly [number, number]} Place */
 
 /**
- * Data of the drawing.
+ * What is drawn: a body, its turn, and the progress.
  * @typedef {object} Picture
  * @property {Body} body
  * @property {Rotation} hold  from axes of the body to those of the user, at the start of the turn
  * @property {Vector} axis  of the turn, in the user's axes
  * @property {number} angle  of the whole turn, rad
  * @property {number} now  progress of the turn, rad
- * @property {readonly number[]} parts  filling of each part of the ring; empty without a ring
+ * @property {readonly number[]} parts  progress of each part of the ring, 0 to 1; empty without a ring
  */
 
 /** Direction of the light: to the right, up, and towards the viewer. */
@@ -142,11 +142,11 @@ export function portrait(body) {
 }
 
 /**
- * The turn of a body that moves the field to a direction; field and direction in axes of the body.
+ * The turn of a body that moves the field, as seen from the body, to a wanted direction.
  * @param {Rotation} hold  present attitude
  * @param {Vector} target
  * @param {Vector} field
- * @returns {{axis: Vector, angle: number}}  in the user's axes
+ * @returns {{axis: Vector, angle: number}}  axis in the user's axes, and angle, rad
  */
 export function turnTowards(hold, target, field) {
     const { axis, angle } = between(target, field);

@@ -14,7 +14,7 @@ import { phrase } from "../language.js";
 /** @typedef {import("../../../../static/views/vectors.js").Vector} Vector */
 
 /**
- * A heading, and how far the sensor is tilted.
+ * A heading, and the tilt of the sensor.
  * @typedef {object} Heading
  * @property {number | null} deg Clockwise from magnetic north, 0 to 360; null if undefined.
  * @property {number | null} tilt_deg Null without acceleration.

@@ -19,13 +19,13 @@ import { phrase } from "../language.js";
 const KEY = "flinders-body";
 /** Default body by the kind of source. @type {Readonly<Record<string, Body>>} */
 const DEFAULT_BODIES = { phone: "phone", mavlink: "drone" };
-/** Most characters in the large type. */
+/** Largest number of characters in the large type. */
 const MAX_LARGE_LETTERS = 112;
 /** Duration of one side of the general turn, s. */
 const AROUND_S = 4;
 const ICONS = { wait: "next", turn: "next", arrow: "next", around: "next", done: "good", wrong: "wrong", ended: "next", finished: "good" };
 
-/** Updates the choreography with readings, and the present lead. */
+/** Updates the progress of the turns and the present instruction from the readings. */
 export class Guide {
     /** @type {Body | null} chosen by the user */
     chosen = BODIES.find((body) => body === recall(KEY)) ?? null;
@@ -74,7 +74,7 @@ export class Guide {
     }
 }
 
-/** Draws a lead: the body beside the sphere, and the sentence above both. */
+/** Draws an instruction: the body beside the sphere, and the sentence above both. */
 export class LeadView {
     /**
      * @param {Guide} guide

@@ -14,7 +14,7 @@ const SVG = "http://www.w3.org/2000/svg";
  * Ticks at 1, 2 or 5 times a power of ten, at most `most` of them, inside a span.
  * @param {Span} span
  * @param {number} most
- * @returns {number[]} At least one, of a span that is none; then the span's middle.
+ * @returns {number[]} At least one tick; the middle for a span without length.
  */
 export function ticks({ low, high }, most) {
     const width = high - low;
@@ -104,7 +104,7 @@ export function path(points, closed = false) {
 /** @typedef {{x: number, y: number, wide: number, high: number, words: string}} Place Of words: left, foot, size. */
 
 /**
- * The place farthest from lines; the first of equals.
+ * The place farthest from all lines; of equal places, the first.
  * @param {readonly Place[]} places
  * @param {readonly (readonly [number, number])[]} line Points; NaN breaks the line.
  * @returns {Place | null}
@@ -132,7 +132,7 @@ export function freest(places, line) {
 }
 
 /**
- * A colour of the theme, as numbers.
+ * Red, green and blue of a colour of the theme, 0 to 255.
  * @param {Element} element
  * @param {string} name Of a CSS variable with a value like #1d4ed8.
  * @returns {Rgb}
@@ -295,7 +295,7 @@ export class Density {
         }
     }
 
-    /** How fast a pixel saturates: slower where pixels hold many points on average, so that structure shows. */
+    /** Opacity per point: smaller if pixels hold many points on average, so that structure stays visible. */
     gain() {
         let sum = 0;
         let filled = 0;

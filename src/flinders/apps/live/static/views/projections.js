@@ -21,7 +21,7 @@ const PAIRS = /** @type {const} */ ([
     [1, 2, "y", "z"],
 ]);
 
-/** Most readings used to find the extent of the axes. */
+/** Largest number of readings used to find the extent of the axes. */
 const EXTENT_SAMPLES = 1500;
 
 /**
@@ -251,7 +251,7 @@ function outlines(panel, inside, across, up, { toX, toY }, { shown, row }) {
     inside.append(panel.draw("circle", { class: "iron-end", cx: x, cy: y, r: 0.2 * panel.em }));
 }
 
-/** @param {readonly (readonly number[])[]} matrix @returns {number[][] | null} Null of a singular one. */
+/** @param {readonly (readonly number[])[]} matrix @returns {number[][] | null} Inverse; null of a singular matrix. */
 function inverse(matrix) {
     return Math.abs(determinant(matrix)) > 1e-300 ? inverseOf(matrix) : null;
 }

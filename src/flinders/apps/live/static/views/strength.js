@@ -131,7 +131,7 @@ function hatchExcluded(panel, { place: { start, end, top, bottom }, toX }, spans
 }
 
 /**
- * Slanted lines over a rectangle, as the `d` of a path.
+ * Slanted lines that hatch a rectangle, as the `d` of a path.
  * @param {number} x
  * @param {number} width
  * @param {number} top

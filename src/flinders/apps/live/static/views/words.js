@@ -59,7 +59,7 @@ export function significant(value, digits) {
 }
 
 /**
- * An angle to two significant digits, as in the sentences of the server: 0.084°, 0.42°, 2.1°, 23°; beyond 90° an error
+ * An angle to two significant digits, as in the sentences of the server: 0.084°, 0.42°, 2.1°, 23°. An error above 90°
  * says nothing more.
  * @param {number | null | undefined} deg
  * @returns {string}

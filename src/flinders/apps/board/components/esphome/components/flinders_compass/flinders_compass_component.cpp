@@ -8,7 +8,7 @@ namespace flinders_compass {
 
 static const char *const TAG = "flinders_compass";
 
-/// Read the states of three sensors; false until each has one.
+/// Read the states of three sensors; false until each sensor has a state.
 static bool read_states(sensor::Sensor *const sensors[3], float states[3]) {
   for (int axis = 0; axis < 3; axis++) {
     if (sensors[axis] == nullptr || !sensors[axis]->has_state())
