@@ -39,7 +39,7 @@ try:
         envvar="FLINDERS_LANGUAGE",
         expose_value=False,
         callback=use_language,
-        help="Language of verdicts in the terminal; or set FLINDERS_LANGUAGE. JSON, files and codes stay English.",
+        help="Language of calibrations, checks and plans, or FLINDERS_LANGUAGE. JSON, files and codes stay English.",
     )(main)
 except (KeyboardInterrupt, RuntimeError) as error:  # an exception in a class body has the interrupt as its cause
     if not isinstance(error.__cause__ or error, KeyboardInterrupt):

@@ -18,6 +18,7 @@ from typing import IO, TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
 import click
 
 from flinders.cli._spelling import in_options
+from flinders.core.language import phrase
 from flinders.core.units import unit_label
 from flinders.errors import NotExportable, UsageError, append_hint, figures
 
@@ -263,7 +264,7 @@ class Outputs:
         """Print the names of the written files; `nothing` is printed instead if the first file has no path."""
         for place, file in enumerate(self.files):
             if file.path and file.path != "-":
-                say(f"written to {file.path}")
+                say(phrase("next.written", "written to {file}", file=file.path))
             elif not file.path and place == 0 and nothing:
                 say(nothing)
 

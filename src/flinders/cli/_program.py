@@ -178,11 +178,25 @@ def print_error(
     if fit is not None and not as_json:
         print_fit(fit, partial(in_options, commands=commands), err=True)
     else:
-        say(f"{ERROR_PREFIXES.get(exit_code, 'error')}: {words}")
+        say(_spoken(error, exit_code, words))
     if as_json:
         with contextlib.suppress(OSError):
             print_json({**_as_dict(error, words, exit_code), **(more or {})})
     return exit_code
+
+
+def _spoken(error: FlindersError, exit_code: int, words: str) -> str:
+    """An error in one line: a refusal in the language of the terminal if it knows it, any other in English."""
+    language = TERMINAL_LANGUAGE.get()
+    refusal = language.translation(f"refusal.{error.code}") if isinstance(error, FitError) else ""
+    if not refusal:
+        return f"{ERROR_PREFIXES.get(exit_code, 'error')}: {words}"
+    title = (
+        language.phrase("answer.check.cannot-tell", "CANNOT TELL")
+        if exit_code == LIMITED
+        else language.capitals(language.phrase("verdict.refused", "Refused"))
+    )
+    return f"{title}: {refusal}"
 
 
 def _as_dict(error: FlindersError, words: str, exit_code: int) -> dict[str, Any]:

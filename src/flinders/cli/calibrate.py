@@ -23,6 +23,7 @@ from flinders.cli._inputs import (
 from flinders.cli._output import plot_fit, print_fit, print_json, progress, refuse_report, say, show
 from flinders.cli._program import GOOD, LIMITED, print_error
 from flinders.cli._spelling import in_options
+from flinders.core.language import phrase
 from flinders.core.units import MICROTESLA
 from flinders.errors import FitError, NotTurned, UsageError
 
@@ -209,7 +210,8 @@ class _FitRun:
         paths, sensor = self.options.recordings, self.options.sensors.sensor
         if len(paths) == 1 and onboard_of(self.parts[0]) is not None:
             words = ["flinders", "check", *paths, *(["--sensor", sensor] if sensor else [])]
-            say(f"the onboard calibration is judged by: {shlex.join(words)}")
+            command = shlex.join(words)
+            say(phrase("next.judge", "the onboard calibration is judged by: {command}", command=command))
 
     def print_refused(self, refused: Fit, refusal: FitError) -> int:
         """Print a refusal with the numbers of the refused recipe, marked as such."""
@@ -253,16 +255,19 @@ class _FitRun:
         """Print where the calibration was written, and the next command."""
         files = self.files
         if not files.output:
-            nothing = "no calibration file" if files.exports or files.convergence else "nothing"
-            say(f"{nothing} was written: name a file with -o calibration.json")
+            if files.exports or files.convergence:
+                say(phrase("next.no-file", "no calibration file was written: name a file with -o calibration.json"))
+            else:
+                say(phrase("next.nothing", "nothing was written: name a file with -o calibration.json"))
         elif files.output != "-":
-            say(f"written to {files.output}")
+            say(phrase("next.written", "written to {file}", file=files.output))
             if not files.exports:
                 target = likely_target(self.provenance.files)
                 if onboard is not None and onboard.answer == "holds":
-                    say("the onboard calibration is good enough; to change it anyway:")
-                say(f"next: {shlex.join(['flinders', 'export', '--for', target, files.output])}")
-                say("other targets: flinders targets")
+                    say(phrase("next.keep", "the onboard calibration is good enough; to change it anyway:"))
+                export = shlex.join(["flinders", "export", "--for", target, files.output])
+                say(phrase("next.command", "next: {command}", command=export))
+                say(phrase("next.targets", "other targets: {command}", command="flinders targets"))
 
     def _write_convergence(self) -> None:
         """Write how the estimate converges, for ``--convergence``."""
@@ -290,10 +295,10 @@ class _FitRun:
 
             outputs.write(page(outcome, self.provenance), text)
             if text != "-":
-                say(f"report written to {text}")
+                say(phrase("next.report", "report written to {file}", file=text))
         if html is not None:
             from flinders.cli.report import report_of
 
             typed = self.options.typed_words()
             outputs.write(report_of(outcome, self.recording, self.provenance, typed, onboard), html)
-            say(f"report written to {html}")
+            say(phrase("next.report", "report written to {file}", file=html))

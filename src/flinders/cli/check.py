@@ -26,6 +26,7 @@ from flinders.cli._inputs import (
 from flinders.cli._output import can_show, print_json, print_result, progress, say, show
 from flinders.cli._program import ANSWER_EXITS, LIMITED, print_error
 from flinders.cli._spelling import in_options
+from flinders.core.language import phrase
 from flinders.errors import FitError, NeedsSamples, UsageError
 
 if TYPE_CHECKING:
@@ -102,6 +103,8 @@ def command(options: Check) -> int:
         return _age(options)
     if options.date is not None or options.history is not None:
         raise UsageError("--date and --history go with a calibration alone: leave out these options or the recording")
+    from flinders.report.phrases import advice_of
+
     try:
         checked = _run_check(options)
     except NeedsSamples:  # no times for --drift
@@ -109,10 +112,10 @@ def command(options: Check) -> int:
     except FitError as error:
         return print_error(error, as_json=options.as_json, more={"answer": "cannot-tell"}, exit_code=LIMITED)
     for finding in checked.extrapolated or ():
-        say(f"! {finding.advice}")
+        say(f"! {advice_of(finding, in_options)}")
     _print(checked, as_json=options.as_json)
     if options.is_onboard and checked.answer == "fails":
-        say(f"next: {_calibrate_command(options)}")
+        say(phrase("next.command", "next: {command}", command=_calibrate_command(options)))
     return ANSWER_EXITS[checked.answer]
 
 

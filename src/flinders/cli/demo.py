@@ -10,6 +10,7 @@ from flinders.cli import _options as option
 from flinders.cli import _program as program
 from flinders.cli._output import print_fit, print_json, say
 from flinders.cli._program import EXITS
+from flinders.core.language import TERMINAL_LANGUAGE, numeral, phrase
 
 if TYPE_CHECKING:
     from flinders.simulate import Simulated
@@ -49,7 +50,13 @@ def command(options: Demo) -> int:
     simulated = tumble(seed=options.seed, dip_deg=options.judgement.dip_deg)
     if options.path:
         _write(options.path, simulated, force=options.force)
-    say(f"simulated: {len(simulated.samples):,} readings in a minute of tumbling, hard and soft iron, 0.5 µT of noise")
+    readings = TERMINAL_LANGUAGE.get().count(len(simulated.samples), "reading")
+    say(
+        phrase(
+            "demo.simulated", "simulated: {readings} in a minute of tumbling, hard and soft iron, 0.5 µT of noise",
+            readings=readings,
+        )
+    )  # fmt: skip
     judgement = options.judgement
     site = Site(inclination_deg=judgement.dip_deg)
     result = fit(simulated.samples, target_deg=judgement.target_deg, site=site)
@@ -58,7 +65,12 @@ def command(options: Demo) -> int:
         print_json({**json_of(result), "true_direction_error_deg": error})
     else:
         print_fit(result)
-        say(f"\nThe truth is known here: over all directions the corrected field is off by {error:.2g}° rms.")
+        shown = f"{numeral(f'{error:.2g}')}°"
+        words = phrase(
+            "demo.truth", "The truth is known here: over all directions the corrected field is off by {error} rms.",
+            error=shown,
+        )  # fmt: skip
+        say(f"\n{words}")
     return EXITS[result.verdict]
 
 

@@ -7,6 +7,7 @@ from flinders.cli import _program as program
 from flinders.cli._inputs import likely_target, load
 from flinders.cli._output import print_result, say, show
 from flinders.cli._spelling import in_options
+from flinders.core.language import phrase
 
 
 class Show(program.Group):
@@ -50,4 +51,5 @@ def command(options: Show) -> None:
         return
     show(page_of_file(fit, in_options, is_verbose=options.verbose))
     path, target = options.calibration, likely_target(fit.provenance.files)
-    say(f"use it: flinders apply {path} raw.csv; flinders export --for {target} {path}")
+    commands = f"flinders apply {path} raw.csv; flinders export --for {target} {path}"
+    say(phrase("next.use", "use it: {commands}", commands=commands))

@@ -1,20 +1,23 @@
 """Translation of sentences; the English sentences are in the code that makes them.
 
 A language is one file of `flinders/languages`: formats by key, with the same placeholders as the English ones. A key
-that a language lacks stays English. Only the live page and verdicts in the terminal are translated; JSON, files, codes
-and messages are English in every language.
+that a language lacks stays English. The live page is translated, and in the terminal the pages of a calibration, of a
+check and of a plan; JSON, files, codes and all else are English in every language.
 
 >>> german = language_of("de")
 >>> german.phrase("verdict.good", "Good"), german.numeral("1,234.5")
 ('Gut', '1.234,5')
 >>> german.phrase("no.such.key", "from {name}", name="A17"), ENGLISH.phrase("verdict.good", "Good")
 ('from A17', 'Good')
+>>> phrase("verdict.good", "Good")                      # in the language of the terminal, which is English unless set
+'Good'
 """
 
 from __future__ import annotations
 
 import json
 import unicodedata
+from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from functools import cache
@@ -25,12 +28,15 @@ from typing import TYPE_CHECKING, Any, Final
 from flinders.errors import UsageError, count_text, figures
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
 
 ENGLISH_CODE: Final = "en"
 
 LANGUAGES: Final = (ENGLISH_CODE, "de", "el")
 """Codes of the languages; `languages/en.json` lists all English phrases for translators, and no program reads it."""
+
+SIGNS: Final = {"decimal": ".", "group": ",", "percent": "%"}
+"""Signs in English numbers, by the names in keys of other languages."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,8 +70,8 @@ class Language:
         return unicodedata.normalize("NFC", text).upper()
 
     def numeral(self, text: str) -> str:
-        """Write an English number, ``1,234.5``, with the decimal and group separators of the language."""
-        signs = {".": self.translation("number.decimal") or ".", ",": self.translation("number.group") or ","}
+        """Write an English number, ``1,234.5`` or ``95%``, with the signs of the language."""
+        signs = {sign: self.translation(f"number.{name}") or sign for name, sign in SIGNS.items()}
         return "".join(signs.get(letter, letter) for letter in text)
 
 
@@ -85,7 +91,27 @@ class _NumeralFormatter(Formatter):
 ENGLISH: Final = Language(ENGLISH_CODE)
 
 TERMINAL_LANGUAGE: Final[ContextVar[Language]] = ContextVar("language of the terminal", default=ENGLISH)
-"""Language of pages in the terminal; the command line sets it, and only `flinders.report` reads it."""
+"""Language of the terminal, which the command line sets; pages and the command line's own words are in it."""
+
+
+def phrase(key: str, english: str, **values: object) -> str:
+    """A sentence in the language of the terminal, with its values filled in."""
+    return TERMINAL_LANGUAGE.get().phrase(key, english, **values)
+
+
+def numeral(text: str) -> str:
+    """An English number with the signs of the language of the terminal."""
+    return TERMINAL_LANGUAGE.get().numeral(text)
+
+
+@contextmanager
+def in_english() -> Iterator[None]:
+    """Make something that stays English in every language, such as a file; also a decorator, as ``@in_english()``."""
+    token = TERMINAL_LANGUAGE.set(ENGLISH)
+    try:
+        yield
+    finally:
+        TERMINAL_LANGUAGE.reset(token)
 
 
 @cache

@@ -33,6 +33,7 @@ import numpy as np
 
 from flinders.core.calibration_file import GoodUntilRecord, WalkRecord
 from flinders.core.durations import duration_text
+from flinders.core.language import ENGLISH
 from flinders.core.offset_walk import HOUR_S, PRIOR_WALK, Walk
 from flinders.core.units import MICROTESLA
 from flinders.errors import figures
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
 
     from flinders.core.calibration import Calibration
     from flinders.core.calibration_file import ProvenanceRecord
+    from flinders.core.language import Language
     from flinders.fitting.claim import Claim
     from flinders.fitting.evidence import Evidence
 
@@ -177,47 +179,67 @@ class GoodUntil:
 
     def __str__(self) -> str:
         """Sentence with the range of temperatures, and the time until the claim has doubled."""
-        lasts = f"{self._until}{self._durations}{self._kelvins(self._growth)}"
-        if self._target_growth is None:
-            return lasts
-        kelvins = self._kelvins(DOUBLED_GROWTH, has_ends=False)
-        return f"{lasts}; the claim doubles in {duration_text(self.seconds)}{kelvins}"
+        return self.sentence()
 
     @property
     def brief(self) -> str:
         """Sentence of one line on how long the calibration is good."""
-        return f"{self._until}{self._durations}{self._kelvins(self._growth, has_ends=False)}"
+        return self.brief_sentence()
 
     @property
     def range_words(self) -> str:
-        """Words for the range of `good_s`, the source of the walk, and the change of temperature with equal effect."""
-        return f"{self._walk_words} ({self._ends}){self._kelvins(self._growth, has_ends=False)}"
+        """Words for the range of `good_s`, the source of the walk, and the equivalent change of temperature."""
+        return (
+            f"{self._walk_words(ENGLISH)} ({self._ends(ENGLISH)}){self._kelvins(self._growth, ENGLISH, has_ends=False)}"
+        )
 
-    @property
-    def _until(self) -> str:
-        """First words of the sentence: the limit of the claim."""
-        return "the claim doubles in " if self._target_growth is None else f"within {self.target_deg:g}° for "
+    def sentence(self, language: Language = ENGLISH) -> str:
+        """Sentence with the range of temperatures, and the time until the claim has doubled."""
+        lasts = f"{self._durations(language)}{self._kelvins(self._growth, language)}"
+        if self._target_growth is None:
+            return lasts
+        doubled = language.phrase(
+            "until.also-doubles", "the claim doubles in {time}", time=duration_text(self.seconds, language)
+        )
+        return f"{lasts}; {doubled}{self._kelvins(DOUBLED_GROWTH, language, has_ends=False)}"
+
+    def brief_sentence(self, language: Language = ENGLISH) -> str:
+        """Sentence of one line on how long the calibration is good."""
+        return f"{self._durations(language)}{self._kelvins(self._growth, language, has_ends=False)}"
 
     @property
     def _growth(self) -> float:
         """Variance that is added when the limit of the claim is reached, relative to the variance of the claim."""
         return DOUBLED_GROWTH if self._target_growth is None else self._target_growth
 
-    @property
-    def _walk_words(self) -> str:
-        return "as this unit's offset walks" if self.by == "history" else "as offsets usually walk"
+    def _walk_words(self, language: Language) -> str:
+        """Words for the source of the walk."""
+        if self.by == "history":
+            return language.phrase("until.by-history", "as this unit's offset walks")
+        return language.phrase("until.by-prior", "as offsets usually walk")
 
-    @property
-    def _ends(self) -> str:
+    def _ends(self, language: Language) -> str:
         """Words for the range of the time, by the 95 % range of the walk."""
-        return " to ".join(duration_text(self._seconds(self._growth, rate)) for rate in (self.walk.high, self.walk.low))
+        early, late = (
+            duration_text(self._seconds(self._growth, each), language) for each in (self.walk.high, self.walk.low)
+        )
+        return language.phrase("range", "{low} to {high}", low=early, high=late)
 
-    @property
-    def _durations(self) -> str:
-        """Words for the time, the source of the walk, and the range of the time."""
-        return f"{duration_text(self.good_s)} {self._walk_words} ({self._ends})"
+    def _durations(self, language: Language) -> str:
+        """Words for the limit, the time until it, the source of the walk, and the range of the time."""
+        time = duration_text(self.good_s, language)
+        walk, ends = self._walk_words(language), self._ends(language)
+        if self._target_growth is None:
+            return language.phrase(
+                "until.doubles", "the claim doubles in {time} {walk} ({ends})", time=time, walk=walk, ends=ends
+            )
+        target = language.numeral(f"{self.target_deg:g}")
+        return language.phrase(
+            "until.within", "within {target}° for {time} {walk} ({ends})",
+            target=target, time=time, walk=walk, ends=ends,
+        )  # fmt: skip
 
-    def _kelvins(self, growth: float, *, has_ends: bool = True) -> str:
+    def _kelvins(self, growth: float, language: Language, *, has_ends: bool = True) -> str:
         """Words for the change of temperature that adds the variance `growth`; empty without a known coefficient.
 
         `growth` is relative to the variance of the claim.
@@ -225,14 +247,20 @@ class GoodUntil:
         if self.per_kelvin is None:
             return ""
         shift = self._shift(growth)
-        change = f", or {figures(shift / self.per_kelvin.rate)} K"
+        middle, low, most = (shift / rate for rate in (self.per_kelvin.rate, self.per_kelvin.high, self.per_kelvin.low))
+        kelvin = language.numeral(figures(middle))
         if not has_ends:
-            return f"{change} warmer or colder"
+            return language.phrase("until.kelvin", ", or {kelvin} K warmer or colder", kelvin=kelvin)
         if self.temperature_by == "followed":
-            return f"{change} from the middle of the temperatures"
-        low, most = figures(shift / self.per_kelvin.high), shift / self.per_kelvin.low
-        high = figures(most) if most <= MAX_KELVIN else f"more than {MAX_KELVIN:.0f}"
-        return f"{change} warmer or colder ({low} to {high} K)"
+            return language.phrase(
+                "until.kelvin-middle", ", or {kelvin} K from the middle of the temperatures", kelvin=kelvin
+            )
+        above = language.phrase("more-than", "more than {limit}", limit=f"{MAX_KELVIN:.0f}")
+        high = language.numeral(figures(most)) if most <= MAX_KELVIN else above
+        ends = language.phrase("range", "{low} to {high}", low=language.numeral(figures(low)), high=high)
+        return language.phrase(
+            "until.kelvin-range", ", or {kelvin} K warmer or colder ({ends} K)", kelvin=kelvin, ends=ends
+        )
 
     @property
     def _target_growth(self) -> float | None:

@@ -17,18 +17,12 @@ from rich.table import Column
 from rich.text import Text
 
 from flinders.comparison.comparison import MAX_P_VALUE
+from flinders.core.language import numeral, phrase
 from flinders.core.units import unit_label
-from flinders.errors import count_text, figures, python_arguments
-from flinders.findings import advice
+from flinders.errors import figures, python_arguments
 from flinders.findings.words import ANY_ANGLE_DEG
-from flinders.report.formatting import (
-    angle,
-    degrees,
-    p_value,
-    shown_findings,
-    with_uncertainty,
-    without_repeated_steps,
-)
+from flinders.report.formatting import shown_findings, with_uncertainty, without_repeated_steps
+from flinders.report.phrases import advice_of, angle, count, degrees, general, joined, p_value, share
 from flinders.report.terminal import lines, notes, page, style_cells, table, verdict
 
 if TYPE_CHECKING:
@@ -45,21 +39,13 @@ if TYPE_CHECKING:
     from flinders.estimators import Method
     from flinders.fitting.result import Fit
     from flinders.heading.error_propagation import DirectionError, HeadingError
+    from flinders.native.faults import Answer
     from flinders.targets import Target
 
 TITLES: Final = {
     "holds": ("AGREE", "HOLDS"), "fails": ("CONTRADICT", "FAILS"), "cannot-tell": ("CANNOT TELL", "CANNOT TELL"),
 }  # fmt: skip
 """Titles for two calibrations, and for one on another recording."""
-
-UNCHECKED_WORDS: Final = (
-    "a calibration always fits its own readings, even if the sensor has changed: this proves nothing"
-)
-
-TURNED_WORDS: Final = (
-    "their rotations into the body differ by more than chance explains: the sensor, or an aiding instrument, was "
-    "rotated in its mounting"
-)
 
 EVALUATION_TITLES: Final = {
     "as claimed": "AS CLAIMED",
@@ -89,13 +75,13 @@ def page_of_comparison(
     found = (
         () if fresh is None else without_repeated_steps(each for each in fresh.findings if each.severity == "limits")
     )
-    limits = [advice(finding, spell) for finding in found]
+    limits = [advice_of(finding, spell) for finding in found]
     is_unchecked = bool(own) and comparison.answer == "holds"
     said = _comparison_verdict(comparison, fresh, limits, is_unchecked=is_unchecked)
     if own:
-        limits.insert(0, f"{' and '.join(own)} went into this calibration: check it on a recording made since")
+        limits.insert(0, _own_words(own))
     if comparison.is_turned:
-        limits.insert(0, TURNED_WORDS)
+        limits.insert(0, _turned_words())
     blocks = (
         _differences(comparison),
         _parameters(comparison),
@@ -108,16 +94,21 @@ def page_of_partial_check(
     known: Fit, fit: Fit, strength: LengthSums, spell: Spelling = python_arguments
 ) -> RenderableType:
     """Lay out the evidence of a recording without a usable fit about a known calibration, with the reasons."""
-    basis = f"{count_text(fit.evidence.samples, 'reading')}; {fit.evidence.method}"
-    made = known.evidence.noise / known.calibration.ellipsoid.radius
-    when_made = "" if math.isnan(made) else f" ({made:.1%} where {known.provenance.name} was made)"
-    words = (
-        f"whether {known.provenance.name} holds: this recording gives no fit that can be used, for the reasons below. "
-        f"Corrected by {known.provenance.name}, the strength of its readings is {strength.mean:.3f} of the field, with "
-        f"a spread of {strength.spread:.1%}{when_made}"
+    basis = joined(count(fit.evidence.samples, "reading"), fit.evidence.method)
+    made, name = known.evidence.noise / known.calibration.ellipsoid.radius, known.provenance.name
+    words = phrase(
+        "check.partial",
+        "whether {name} holds: this recording gives no fit that can be used, for the reasons below. Corrected by "
+        "{name}, the strength of its readings is {mean} of the field, with a spread of {spread}{made}",
+        name=name,
+        mean=general(strength.mean, ".3f"),
+        spread=share(strength.spread, 1),
+        made=""
+        if math.isnan(made)
+        else phrase("check.made", " ({spread} where {name} was made)", spread=share(made, 1), name=name),
     )
-    reasons = ((finding.severity, advice(finding, spell)) for finding in shown_findings(fit))
-    return Group(page(verdict(TITLES["cannot-tell"][1], "limited", words, basis)), notes(reasons))
+    reasons = ((finding.severity, advice_of(finding, spell)) for finding in shown_findings(fit))
+    return Group(page(verdict(_title("cannot-tell", is_check=True), "limited", words, basis)), notes(reasons))
 
 
 def page_of_evaluation(evaluation: Evaluation) -> RenderableType:
@@ -131,44 +122,91 @@ def page_of_evaluation(evaluation: Evaluation) -> RenderableType:
 def chance_words(value: float | None) -> str:
     """State whether chance explains a difference."""
     if value is None:
-        return "no uncertainty is stated, so chance cannot be assessed"
-    return f"{'no more' if value >= MAX_P_VALUE else 'more'} than chance explains ({p_value(value)})"
+        return phrase("chance.unknown", "no uncertainty is stated, so chance cannot be assessed")
+    if value >= MAX_P_VALUE:
+        return phrase("chance.no-more", "no more than chance explains ({p})", p=p_value(value))
+    return phrase("chance.more", "more than chance explains ({p})", p=p_value(value))
+
+
+def _title(answer: Answer, *, is_check: bool) -> str:
+    """Title for two calibrations, or for one on another recording."""
+    kind = "check" if is_check else "calibrations"
+    return phrase(f"answer.{kind}.{answer}", TITLES[answer][is_check])
+
+
+def _own_words(own: Collection[str]) -> str:
+    """Limit of a check on the recordings that a calibration was made from."""
+    return phrase(
+        "check.own", "{names} went into this calibration: check it on a recording made since",
+        names=f" {phrase('list.and', 'and')} ".join(own),
+    )  # fmt: skip
+
+
+def _unchecked_words() -> str:
+    """Verdict of such a check."""
+    return phrase(
+        "check.unchecked",
+        "a calibration always fits its own readings, even if the sensor has changed: this proves nothing",
+    )
+
+
+def _turned_words() -> str:
+    """Limit of a comparison of calibrations whose rotations into the body differ."""
+    return phrase(
+        "compare.turned",
+        "their rotations into the body differ by more than chance explains: the sensor, or an aiding instrument, was "
+        "rotated in its mounting",
+    )
 
 
 def _differences(comparison: Comparison) -> Table:
     heading, claimed = comparison.heading_difference_deg, comparison.claimed_deg
-    mean = f"{round(comparison.heading_mean_deg, 2) + 0.0:.2f}°"
-    rows: list[Sequence[RenderableType]] = [
-        style_cells("bold", "heading", angle(heading.rms), angle(heading.worst), mean)
-    ]
+    mean = f"{general(round(comparison.heading_mean_deg, 2) + 0.0, '.2f')}°"
+    claims = f"  {phrase('compare.claimed', 'claimed, 1 σ')}"
+    name = phrase("compare.heading", "heading")
+    rows: list[Sequence[RenderableType]] = [style_cells("bold", name, angle(heading.rms), angle(heading.worst), mean)]
     if claimed is not None:
-        rows.append(("  claimed, 1 σ", degrees(claimed.rms), degrees(claimed.worst)))
-        rows.append(("  95 % within", "", degrees(comparison.claimed_bound_deg or 0.0)))
-    rows.append(("direction", angle(comparison.direction_difference_deg)))
+        rows.append((claims, degrees(claimed.rms), degrees(claimed.worst)))
+        rows.append((f"  {phrase('errors.bound', '95 % within')}", "", degrees(comparison.claimed_bound_deg or 0.0)))
+    rows.append((phrase("compare.direction", "direction"), angle(comparison.direction_difference_deg)))
     if comparison.rotation is not None:
-        rows.append(("rotation in the body", angle(comparison.rotation.angle_deg)))
+        name = phrase("compare.rotation", "rotation in the body")
+        rows.append((name, angle(comparison.rotation.angle_deg)))
         if comparison.rotation.angle_sigma_deg is not None:
-            rows.append(("  claimed, 1 σ", degrees(comparison.rotation.angle_sigma_deg)))
-    return table(("difference", "rms", "worst", "mean"), rows)
+            rows.append((claims, degrees(comparison.rotation.angle_sigma_deg)))
+    headings = (
+        phrase("compare.difference", "difference"),
+        phrase("compare.rms", "rms"),
+        phrase("errors.worst", "worst"),
+        phrase("compare.mean", "mean"),
+    )
+    return table(headings, rows)
 
 
 def _offset_cells(offset: Floats, sigma: Floats | None) -> str:
     """Offset along x, y and z, with its uncertainty if known."""
     sigmas = np.zeros(3) if sigma is None else sigma
-    return "   ".join(with_uncertainty(*pair) for pair in zip(offset + 0.0, sigmas, strict=True))
+    return numeral("   ".join(with_uncertainty(*pair) for pair in zip(offset + 0.0, sigmas, strict=True)))
 
 
 def _parameters(comparison: Comparison) -> Text:
     offset = _offset_cells(comparison.offset_difference, comparison.offset_sigma)
-    unit = f"{unit_label(comparison.unit)}, {_percent(comparison.offset_share)} of the field"
-    scale = "" if comparison.is_scale_known else "of sensor and field together"
-    return lines([("offset", offset, unit), ("scale", _percent(comparison.scale_difference), scale)])
+    of_field = phrase("numbers.of-field", "of the field")
+    unit = f"{unit_label(comparison.unit)}, {_percent(comparison.offset_share)} {of_field}"
+    scale = "" if comparison.is_scale_known else phrase("compare.scale-of-both", "of sensor and field together")
+    names = phrase("numbers.offset", "offset"), phrase("compare.scale", "scale")
+    return lines([(names[0], offset, unit), (names[1], _percent(comparison.scale_difference), scale)])
 
 
 def _strengths(name: str, known: LengthSums, fresh: LengthSums) -> Table:
-    pairs = ((name, known), ("a fresh fit", fresh))
-    rows = [(name, figures(one.mean, 4), _percent(one.spread)) for name, one in pairs]
-    return table(("corrected with", "strength", "spread"), rows)
+    pairs = ((name, known), (phrase("check.fresh", "a fresh fit"), fresh))
+    rows = [(name, numeral(figures(one.mean, 4)), _percent(one.spread)) for name, one in pairs]
+    headings = (
+        phrase("check.corrected-with", "corrected with"),
+        phrase("errors.strength", "strength"),
+        phrase("errors.spread", "spread"),
+    )
+    return table(headings, rows)
 
 
 def _comparison_verdict(
@@ -177,65 +215,100 @@ def _comparison_verdict(
     """The answer, and its basis."""
     basis = _square_basis(comparison.heading_difference_deg, comparison.chi_square, comparison.freedom)
     if comparison.omitted_rotation_deg is not None:
-        omitted = degrees(comparison.omitted_rotation_deg)
-        basis += f"; the rotation into the body of {omitted}, known to one alone, is left out"
+        omitted = phrase(
+            "compare.omitted", "the rotation into the body of {angle}, known to one alone, is left out",
+            angle=degrees(comparison.omitted_rotation_deg),
+        )  # fmt: skip
+        basis = joined(basis, omitted)
     if fresh is not None:
-        covered = f"{fresh.evidence.coverage.fraction:.0%} of the sphere covered"
-        basis += f"; {count_text(fresh.evidence.samples, 'reading')}, {covered}"
+        basis = joined(basis, f"{count(fresh.evidence.samples, 'reading')}{covered_words(fresh)}")
     answer = "cannot-tell" if is_unchecked else comparison.answer
     is_firm = not limits and not comparison.is_turned
     colour = {"holds": "good" if is_firm else "limited", "fails": "refused", "cannot-tell": "limited"}[answer]
-    words = UNCHECKED_WORDS if is_unchecked else _words(comparison, fresh, is_limited=bool(limits))
-    return verdict(TITLES[answer][fresh is not None], colour, words, basis)
+    words = _unchecked_words() if is_unchecked else _words(comparison, fresh, is_limited=bool(limits))
+    return verdict(_title(answer, is_check=fresh is not None), colour, words, basis)
+
+
+def covered_words(fit: Fit) -> str:
+    """Share of the sphere that the readings of a fit cover, after a comma."""
+    return phrase("basis.covered", ", {share:.0%} of the sphere covered", share=fit.evidence.coverage.fraction)
 
 
 def _square_basis(error: HeadingError, square: float | None, freedom: int) -> str:
     """Dip for which a heading error holds, and χ² if there is one."""
-    level = f"level vehicle, dip {error.dip_deg:.3g}°"
+    level = phrase("compare.level", "level vehicle, dip {dip}°", dip=general(error.dip_deg, ".3g"))
     if square is None:
         return level
-    size = f"= {round(square, 6):.3g}" if square < 1000.0 else "> 1000"
-    return f"{level}; χ² {size} for {freedom} degrees of freedom"
+    size = f"= {general(round(square, 6), '.3g')}" if square < 1000.0 else "> 1000"
+    words = phrase("compare.freedom", "χ² {size} for {freedom} degrees of freedom", size=size, freedom=str(freedom))
+    return joined(level, words)
 
 
 def _words(comparison: Comparison, fresh: Fit | None, *, is_limited: bool) -> str:
     """The answer in words: difference, bound, target and chance, then the remedy."""
-    target = f"target of {comparison.target_deg:g}°"
+    target = f"{general(comparison.target_deg)}°"
     if comparison.is_identical:
-        return "the same calibration twice"
+        return phrase("compare.same", "the same calibration twice")
     if comparison.is_turned_beyond_target:
-        return f"headings of the body differ by more than the {target}:"
-    explained, worst_deg = chance_words(comparison.p_value), comparison.worst_deg
-    if comparison.answer == "fails":
-        return (
-            f"headings are {up_to(worst_deg)} apart, more than the {target} and {explained}: the sensor or its "
-            "surroundings have changed, calibrate again"
+        return phrase(
+            "compare.turned-beyond", "headings of the body differ by more than the target of {target}:", target=target
         )
+    chance, apart = chance_words(comparison.p_value), up_to(comparison.worst_deg)
+    if comparison.answer == "fails":
+        return phrase(
+            "compare.fails",
+            "headings are {worst} apart, more than the target of {target} and {chance}: the sensor or its "
+            "surroundings have changed, calibrate again",
+            worst=apart, target=target, chance=chance,
+        )  # fmt: skip
     is_changed = comparison.p_value is not None and comparison.p_value < MAX_P_VALUE
     if comparison.answer == "holds":
-        changed = ": good enough for that, and a new calibration will be better" if is_changed else ""
-        limits = ", with these limits of the recording:" if is_limited else ""
-        bound = "" if comparison.claimed_bound_deg is None else f", with 95 % within {angle(comparison.largest_deg)}"
-        within = f"headings within {angle(worst_deg)}{bound}"
-        return f"{within} (target {comparison.target_deg:g}°), {explained}{changed}{limits}"
-    changed = ": a new calibration will be better" if is_changed else ""
-    error = at_most(comparison.claimed_bound_deg or 0.0)
-    apart = f"headings are {up_to(worst_deg)} apart, give or take {error} (95 %)"
-    remedy = _remedy(comparison, is_checked=fresh is not None, is_limited=is_limited)
-    return f"{apart}, which may be within or beyond the {target}; {explained}{changed}. {remedy}"
+        return _holds_words(comparison, target, chance, is_changed=is_changed, is_limited=is_limited)
+    return phrase(
+        "compare.cannot-tell",
+        "headings are {worst} apart, give or take {bound} (95 %), which may be within or beyond the target of "
+        "{target}; {chance}{more}. {remedy}",
+        worst=apart, bound=at_most(comparison.claimed_bound_deg or 0.0), target=target, chance=chance,
+        more=phrase("compare.renewal-better", ": a new calibration will be better") if is_changed else "",
+        remedy=_remedy(comparison, is_checked=fresh is not None, is_limited=is_limited),
+    )  # fmt: skip
+
+
+def _holds_words(comparison: Comparison, target: str, chance: str, *, is_changed: bool, is_limited: bool) -> str:
+    """The words for a difference within the target."""
+    changed = phrase("compare.good-enough", ": good enough for that, and a new calibration will be better")
+    limits = phrase("compare.with-limits", ", with these limits of the recording:")
+    bound = phrase("compare.bound", ", with 95 % within {bound}", bound=angle(comparison.largest_deg))
+    return phrase(
+        "compare.holds", "headings within {worst}{bound} (target {target}), {chance}{changed}{limits}",
+        worst=angle(comparison.worst_deg), bound="" if comparison.claimed_bound_deg is None else bound,
+        target=target, chance=chance, changed=changed if is_changed else "", limits=limits if is_limited else "",
+    )  # fmt: skip
 
 
 def _remedy(comparison: Comparison, *, is_checked: bool, is_limited: bool) -> str:
     """Remedy if the claims are too wide for an answer."""
-    claim = at_most(max(comparison.own_bounds_deg or (0.0,)))
+    again = phrase("compare.again", "calibrate again, from a longer recording")
     if not is_checked:
-        whose, what = f"that of {(comparison.wider_claim or '').upper()}", "calibrate again, from a longer recording"
+        name = (comparison.wider_claim or "").upper()
+        whose, what = phrase("compare.claim-of", "that of {name}", name=name), again
     elif comparison.wider_claim == "a":
-        whose, what = "the calibration's", "calibrate again, from a longer recording"
+        whose, what = phrase("compare.claim-of-calibration", "the calibration's"), again
     else:
-        whose, what = "the recording's", "resolve its first limit:" if is_limited else "record for longer"
-    needed = angle(comparison.telling_bound_deg or 0.0)
-    return f"Claims of {needed} together would suffice; the wider one is {whose} with {claim}: {what}"
+        whose, what = phrase("compare.claim-of-recording", "the recording's"), _recording_remedy(is_limited)
+    return phrase(
+        "compare.remedy",
+        "Claims of {needed} together would suffice; the wider one is {whose} with {claim}: {what}",
+        needed=angle(comparison.telling_bound_deg or 0.0), whose=whose,
+        claim=at_most(max(comparison.own_bounds_deg or (0.0,))), what=what,
+    )  # fmt: skip
+
+
+def _recording_remedy(is_limited: bool) -> str:
+    """Remedy if the claim of the recording is too wide."""
+    if is_limited:
+        return phrase("compare.resolve", "resolve its first limit:")
+    return phrase("compare.longer", "record for longer")
 
 
 def at_most(angle_deg: float) -> str:
@@ -244,7 +317,7 @@ def at_most(angle_deg: float) -> str:
     >>> at_most(0.66), at_most(170.0)
     ('0.66°', 'any angle')
     """
-    return angle(angle_deg) if angle_deg < ANY_ANGLE_DEG else "any angle"
+    return angle(angle_deg) if angle_deg < ANY_ANGLE_DEG else phrase("error.any-angle", "any angle")
 
 
 def up_to(angle_deg: float) -> str:
@@ -253,19 +326,21 @@ def up_to(angle_deg: float) -> str:
     >>> up_to(0.31), up_to(170.0)
     ('up to 0.31°', 'any angle')
     """
-    return f"up to {angle(angle_deg)}" if angle_deg < ANY_ANGLE_DEG else "any angle"
+    if angle_deg < ANY_ANGLE_DEG:
+        return phrase("compare.up-to", "up to {angle}", angle=angle(angle_deg))
+    return phrase("error.any-angle", "any angle")
 
 
-def _percent(share: float) -> str:
+def _percent(value: float) -> str:
     """Format a fraction as a percentage.
 
     >>> _percent(0.00126), _percent(-0.00001), _percent(0.2), _percent(float("inf"))
     ('0.13%', '0.00%', '20%', '> 1000%')
     """
-    if not abs(share) < 10.0:
+    if not abs(value) < 10.0:
         return "> 1000%"
-    decimals = 2 if abs(share) < 0.1 else 0
-    return f"{round(share, decimals + 2) + 0.0:.{decimals}%}"
+    decimals = 2 if abs(value) < 0.1 else 0
+    return share(round(value, decimals + 2) + 0.0, decimals)
 
 
 # ---------------------------------------------------------------------------------------------------- with the truth
@@ -277,14 +352,28 @@ def _true_errors(evaluation: Evaluation) -> Table:
     bound = evaluation.claimed_bound_deg
     body, of_body = evaluation.body_heading_error_deg, evaluation.claimed_body_heading_deg
     free, with_rotation = evaluation.unrotated_direction_error_deg, evaluation.direction_error_deg
+    level, of_the_body = phrase("truth.level", "level heading"), f"  {phrase('truth.body', 'of the body')}"
+    within = f"  {phrase('errors.bound', '95 % within')}"
     rows = [
-        style_cells("bold", "level heading", *_true_cells(heading, claimed, evaluation.heading_ratio)),
-        None if bound is None else ("  95 % within", "", "", "", angle(bound)),
-        None if body is None else ("  of the body", *_true_cells(body, of_body, evaluation.body_heading_ratio)),
-        ("direction", *_true_cells(free, evaluation.claimed_direction_deg, evaluation.direction_ratio)),
-        ("  of the body", *_true_cells(with_rotation, None, None)),
+        style_cells("bold", level, *_true_cells(heading, claimed, evaluation.heading_ratio)),
+        None if bound is None else (within, "", "", "", angle(bound)),
+        None if body is None else (of_the_body, *_true_cells(body, of_body, evaluation.body_heading_ratio)),
+        (
+            phrase("compare.direction", "direction"),
+            *_true_cells(free, evaluation.claimed_direction_deg, evaluation.direction_ratio),
+        ),
+        (of_the_body, *_true_cells(with_rotation, None, None)),
     ]
-    return table(("error", "rms", "worst", "claimed, rms", "worst", "true / claimed"), filter(None, rows))
+    worst = phrase("errors.worst", "worst")
+    headings = (
+        phrase("truth.error", "error"),
+        phrase("compare.rms", "rms"),
+        worst,
+        phrase("truth.claimed", "claimed, rms"),
+        worst,
+        phrase("truth.ratio", "true / claimed"),
+    )
+    return table(headings, filter(None, rows))
 
 
 def _true_cells(
@@ -292,21 +381,32 @@ def _true_cells(
 ) -> list[str]:
     """An error, its claim, and their ratio; empty cells without a claim."""
     claims = ("", "") if claimed is None else (angle(claimed.rms), angle(claimed.worst))
-    return [angle(true.rms), angle(true.worst), *claims, "" if ratio is None else figures(ratio)]
+    return [angle(true.rms), angle(true.worst), *claims, "" if ratio is None else numeral(figures(ratio))]
 
 
 def _true_parameters(evaluation: Evaluation) -> Text:
     offset = _offset_cells(evaluation.offset_error, evaluation.offset_sigma)
-    ratio = "" if evaluation.offset_ratio is None else f", {figures(evaluation.offset_ratio)} times the stated one"
-    scale = evaluation.scale_error
+    ratio, scale = "", evaluation.scale_error
+    if evaluation.offset_ratio is not None:
+        times = numeral(figures(evaluation.offset_ratio))
+        ratio = phrase("truth.times-stated", ", {ratio} times the stated one", ratio=times)
+    unclaimed = phrase("truth.no-scale", "not claimed: no field strength was given")
     return lines(
         [
-            ("offset", offset, unit_label(evaluation.unit)),
-            ("", _digits(evaluation.offset_share), f"of the field{ratio}"),
-            ("matrix", _digits(evaluation.matrix_error), "rotation and scale removed"),
-            ("rotation", *_true_rotation(evaluation.rotation)),
-            ("mean", angle(evaluation.heading_mean_deg), "of the heading, subtracted above"),
-            ("scale", "not claimed: no field strength was given" if scale is None else _digits(scale), ""),
+            (phrase("numbers.offset", "offset"), offset, unit_label(evaluation.unit)),
+            ("", _digits(evaluation.offset_share), f"{phrase('numbers.of-field', 'of the field')}{ratio}"),
+            (
+                phrase("table.matrix", "matrix"),
+                _digits(evaluation.matrix_error),
+                phrase("truth.matrix", "rotation and scale removed"),
+            ),
+            (phrase("truth.rotation", "rotation"), *_true_rotation(evaluation.rotation)),
+            (
+                phrase("compare.mean", "mean"),
+                angle(evaluation.heading_mean_deg),
+                phrase("truth.mean", "of the heading, subtracted above"),
+            ),
+            (phrase("compare.scale", "scale"), unclaimed if scale is None else _digits(scale), ""),
         ]
     )
 
@@ -314,35 +414,42 @@ def _true_parameters(evaluation: Evaluation) -> Text:
 def _true_rotation(rotation: RotationDifference) -> tuple[str, str]:
     """Error of the rotation into the body, and its claim."""
     if rotation.covariance is None:
-        return angle(rotation.angle_deg), "into the body, not claimed: taken off above"
-    sigma = rotation.angle_sigma_deg
-    return angle(
-        rotation.angle_deg
-    ), f"into the body, 1 σ {degrees(sigma or 0.0)} claimed ({p_value(rotation.p_value or 0.0)})"
+        return angle(rotation.angle_deg), phrase(
+            "truth.rotation-unclaimed", "into the body, not claimed: taken off above"
+        )
+    return angle(rotation.angle_deg), phrase(
+        "truth.rotation-claimed", "into the body, 1 σ {sigma} claimed ({p})",
+        sigma=degrees(rotation.angle_sigma_deg or 0.0), p=p_value(rotation.p_value or 0.0),
+    )  # fmt: skip
 
 
 def _evaluation_verdict(evaluation: Evaluation) -> Table:
     is_worse, is_on_target = evaluation.verdict == "worse than claimed", evaluation.is_on_target
     colour = ("limited" if is_worse else "good") if is_on_target else ("refused" if is_worse else "limited")
-    reason = f"the errors are {chance_words(evaluation.p_value)}"
+    reason = phrase("truth.errors-are", "the errors are {chance}", chance=chance_words(evaluation.p_value))
     if evaluation.verdict == "unclaimed":
-        reason = "the calibration states no uncertainty"
+        reason = phrase("truth.unstated", "the calibration states no uncertainty")
     off = evaluation.body_heading_error_deg or evaluation.heading_error_deg
-    worst, side = up_to(off.worst), "within" if is_on_target else "beyond"
-    words = f"headings are off by {worst}, {side} the target of {evaluation.target_deg:g}°; {reason}"
+    values = {"worst": up_to(off.worst), "target": f"{general(evaluation.target_deg)}°", "reason": reason}
+    words = (
+        phrase("truth.within", "headings are off by {worst}, within the target of {target}; {reason}", **values)
+        if is_on_target
+        else phrase("truth.beyond", "headings are off by {worst}, beyond the target of {target}; {reason}", **values)
+    )
     basis = _square_basis(evaluation.heading_error_deg, evaluation.chi_square, evaluation.freedom)
-    return verdict(EVALUATION_TITLES[evaluation.verdict], colour, words, basis)
+    title = phrase(f"truth.title.{evaluation.verdict.replace(' ', '-')}", EVALUATION_TITLES[evaluation.verdict])
+    return verdict(title, colour, words, basis)
 
 
-def _digits(share: float) -> str:
+def _digits(value: float) -> str:
     """Format a fraction as a percentage with two digits.
 
     >>> _digits(0.00126), _digits(0.2), _digits(-0.0312), _digits(1e-12), _digits(12.0)
     ('0.13%', '20%', '-3.1%', '0%', '> 1000%')
     """
-    if not abs(share) < 10.0:
+    if not abs(value) < 10.0:
         return "> 1000%"
-    return f"{figures(100 * share)}%" if abs(share) > 1e-9 else "0%"
+    return numeral(f"{figures(100 * value)}%" if abs(value) > 1e-9 else "0%")
 
 
 # ------------------------------------------------------------------------------------------ what to choose from

@@ -10,7 +10,7 @@ from rich.console import Group
 from rich.table import Column
 from rich.text import Text
 
-from flinders.core.language import TERMINAL_LANGUAGE
+from flinders.core.language import TERMINAL_LANGUAGE, numeral, phrase
 from flinders.core.units import unit_label
 from flinders.errors import FitError, count_text, figures, python_arguments
 from flinders.estimators.minmax import MinMax
@@ -18,23 +18,22 @@ from flinders.findings import advice, first_causes, limit_of, translation
 from flinders.fitting.axis_extremes import Extremes
 from flinders.fitting.result import Fit, fit_of
 from flinders.fitting.verdict import headline_of, is_improvement
+from flinders.report.comparison_pages import covered_words
 from flinders.report.formatting import (
     aging,
     align_columns,
     align_points,
     condition,
     curve_entries,
-    date_of,
-    degrees,
     duration_words,
     matrix_entries,
     mounting,
     offset_entries,
-    p_value,
     shown_findings,
     without_repeated_steps,
 )
 from flinders.report.onboard_pages import TITLES, errors_table, page_of_onboard
+from flinders.report.phrases import advice_of, count, date, degrees, general, joined, p_value
 from flinders.report.terminal import COLOURS, facts, lines, notes, page, table, verdict, whole_columns
 
 if TYPE_CHECKING:
@@ -99,28 +98,32 @@ def page_of_recipe(fit: Fit) -> RenderableType | None:
 
 def page_of_refused_recipe(fit: Fit) -> RenderableType:
     """Lay out the numbers of a recipe whose fit is refused, which are shown only on request."""
-    mark = Text(f"REFUSED, not fit for use: the result of {fit.evidence.method}, for comparison only", "bold red")
-    return page(mark, page_of_recipe(fit), numbers(fit.calibration, np.full(3, np.nan), fit.evidence.noise))
+    words = phrase(
+        "recipe.refused", "REFUSED, not fit for use: the result of {method}, for comparison only",
+        method=fit.evidence.method,
+    )  # fmt: skip
+    return page(
+        Text(words, "bold red"), page_of_recipe(fit), numbers(fit.calibration, np.full(3, np.nan), fit.evidence.noise)
+    )
 
 
 def page_of_file(fit: Fit, spell: Spelling = python_arguments, *, is_verbose: bool) -> RenderableType:
     """Lay out a loaded calibration: its origin, its numbers, and its claim."""
     provenance, calibration = fit.provenance.record, fit.calibration
-    files = [
-        f"{file.name}, {count_text(file.rows, 'reading')}" if file.rows else file.name for file in fit.provenance.files
-    ]
+    files = [f"{file.name}, {count(file.rows, 'reading')}" if file.rows else file.name for file in fit.provenance.files]
+    readings = phrase("file.in", "in {unit}, axes {axes}", unit=calibration.raw.name, axes=str(calibration.axes))
     origin = [
-        ("made", f"{date_of(provenance.date)}, Flinders {provenance.flinders}" if provenance else ""),
-        ("from", "; ".join(files)),
-        ("sensor", calibration.sensor or ""),
-        ("readings", f"in {calibration.raw.name}, axes {calibration.axes}"),
+        (phrase("file.made", "made"), f"{date(provenance.date)}, Flinders {provenance.flinders}" if provenance else ""),
+        (phrase("file.from", "from"), joined(*files)),
+        (phrase("plan.fact.sensor", "sensor"), calibration.sensor or ""),
+        (phrase("file.readings", "readings"), readings),
     ]
     sigma = fit.claim.offset_sigma if fit.claim.states_uncertainty else np.full(3, np.nan)
-    basis = f"{count_text(fit.evidence.samples, 'reading')}; {fit.evidence.method}"
+    basis = joined(count(fit.evidence.samples, "reading"), fit.evidence.method)
     said = (
         _verdict_of_fit(fit, basis, *_further_lines(fit))
         if fit.claim.states_uncertainty
-        else "Its uncertainty is not stated."
+        else phrase("file.unstated", "Its uncertainty is not stated.")
     )
     known = facts([(name, words) for name, words in origin if words])
     return Group(
@@ -190,18 +193,22 @@ def numbers(calibration: Calibration, offset_sigma: Floats, noise: float) -> Tex
     shown = ["   ".join(row) for row in align_columns(offset, *matrix_entries(calibration.matrix), *curve.values())]
     below, _ = align_points(["?" if math.isnan(noise) else figures(noise, 3), offset[0]])
     shown.append(below.ljust(len(shown[0])))
-    names = ("offset", "matrix", "", "", *curve, "noise")
-    units = (unit, "", "", "", *("% of the field" for _ in curve), unit)
-    return lines(list(zip(names, shown, units, strict=True)))
+    rows = (phrase(f"numbers.{name}", name) for name in curve)
+    names = (
+        phrase("numbers.offset", "offset"),
+        phrase("table.matrix", "matrix"),
+        "",
+        "",
+        *rows,
+        phrase("plan.noise", "noise"),
+    )
+    units = (unit, "", "", "", *(f"% {phrase('numbers.of-field', 'of the field')}" for _ in curve), unit)
+    return lines(list(zip(names, map(numeral, shown), units, strict=True)))
 
 
 def findings(findings: Iterable[Finding], spell: Spelling) -> RenderableType:
     """One line for each finding: its limit, the advice, and its code."""
-    language = TERMINAL_LANGUAGE.get()
-    return notes(
-        (finding.severity, translation.advice(finding, language) or advice(finding, spell), finding.code)
-        for finding in findings
-    )
+    return notes((finding.severity, advice_of(finding, spell), finding.code) for finding in findings)
 
 
 def lead(fit: Fit) -> Text:
@@ -221,11 +228,17 @@ def _change_words(fit: Fit) -> Text | None:
     known = fit.evidence.diagnosis.refreshed
     if known is None:
         return None
-    change = ", ".join(f"{number:+.1f}" for number in known.offset_change)
-    return Text(
-        f"Since {known.previous} the offset has changed by ({change}) {unit_label(fit.calibration.unit)}: with it, "
-        f"headings would now be off by up to {degrees(known.heading_change_deg)}. The soft iron is taken from it."
+    between = "; " if numeral("1.5") != "1.5" else ", "
+    words = phrase(
+        "refreshed.change",
+        "Since {previous} the offset has changed by ({change}) {unit}: with it, headings would now be off by up to "
+        "{error}. The soft iron is taken from it.",
+        previous=known.previous,
+        change=between.join(general(number, "+.1f") for number in known.offset_change),
+        unit=unit_label(fit.calibration.unit),
+        error=degrees(known.heading_change_deg),
     )
+    return Text(words)
 
 
 def _verdict_of_fit(fit: Fit, basis: str, *more: str) -> Table:
@@ -233,31 +246,29 @@ def _verdict_of_fit(fit: Fit, basis: str, *more: str) -> Table:
     if fit.verdict != "refused" and fit.claim.states_uncertainty:
         language = TERMINAL_LANGUAGE.get()
         dip = language.numeral(f"{fit.claim.known_dip_deg:.3g}")
-        basis += "; " + (
+        level = (
             language.phrase("basis.assumed-dip", "level, dip {dip}° (assumed)", dip=dip)
             if fit.claim.dip_assumed
             else language.phrase("basis.dip", "level, dip {dip}°", dip=dip)
         )
+        basis = joined(basis, level)
     return verdict_line(fit.verdict, lead(fit), basis, *more)
 
 
 def _fit_verdict(fit: Fit) -> Table:
     is_noisy = fit.evidence.noise > MAX_NOISE_SHARE * fit.calibration.ellipsoid.radius
     is_surface = not (fit.judgement.is_flat or fit.claim.plane or is_noisy)
-    language = TERMINAL_LANGUAGE.get()
-    share = fit.evidence.coverage.fraction
-    seen = language.phrase("basis.covered", ", {share:.0%} of the sphere covered", share=share) if is_surface else ""
-    return _verdict_of_fit(
-        fit, f"{language.count(fit.evidence.samples, 'reading')}{seen}; {fit.evidence.method}", *_further_lines(fit)
-    )
+    seen = covered_words(fit) if is_surface else ""
+    basis = joined(f"{count(fit.evidence.samples, 'reading')}{seen}", fit.evidence.method)
+    return _verdict_of_fit(fit, basis, *_further_lines(fit))
 
 
 def _further_lines(fit: Fit) -> Iterator[str]:
     """Further lines of a verdict: mounting, conditions, ageing, and whether the calibration is needed."""
     language = TERMINAL_LANGUAGE.get()
     if fit.verdict == "refused":
-        return iter((language.phrase("basis.not-written", "no calibration was written"),))
-    no_better = "" if is_improvement(fit) else language.phrase("basis.no-better", NO_BETTER_WORDS)
+        return iter((phrase("basis.not-written", "no calibration was written"),))
+    no_better = "" if is_improvement(fit) else phrase("basis.no-better", NO_BETTER_WORDS)
     conditions = translation.assumptions(fit.judgement.conditions, language) or condition(fit)
     return filter(None, (mounting(fit), conditions, aging(fit), no_better))
 

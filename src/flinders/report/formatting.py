@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from flinders.core.language import TERMINAL_LANGUAGE, numeral, phrase
 from flinders.errors import figures
 from flinders.findings import first_causes
 from flinders.findings.catalogue import RECORDING_FINDINGS
@@ -237,19 +238,35 @@ def mounting(fit: Fit) -> str:
     error = fit.claim.alignment_error_deg
     if error is None:
         return ""
+    shown, who = numeral(degrees(error)), sources(fit)
     if fit.calibration.rotation != "estimated":
-        return f"the mounting adds {degrees(error)} (1 σ), which a magnetometer cannot observe"
-    who = sources(fit)
+        return phrase(
+            "mounting.stated", "the mounting adds {error} (1 σ), which a magnetometer cannot observe", error=shown
+        )
     if not error < ANY_ANGLE_DEG:
-        return f"the rotation of the axes in the body is not determined by {who}: no heading of the body is known"
-    return f"the rotation of the axes in the body, from {who}, adds {degrees(error)} (1 σ)"
+        return phrase(
+            "mounting.unknown",
+            "the rotation of the axes in the body is not determined by {instruments}: no heading of the body is known",
+            instruments=who,
+        )
+    return phrase(
+        "mounting.estimated", "the rotation of the axes in the body, from {instruments}, adds {error} (1 σ)",
+        instruments=who, error=shown,
+    )  # fmt: skip
 
 
 def sources(fit: Fit) -> str:
     """The aiding sensors that the fit uses."""
     each = () if fit.evidence.aiding is None else fit.evidence.aiding.sensors
-    names = [SOURCES[aid.name] for aid in each if aid.is_used and aid.name in SOURCES]
-    return f"the {' and '.join(names)}" if names else "the other recorded quantities"
+    names = [
+        phrase(f"instrument.{SOURCES[aid.name].replace(' ', '-')}", f"the {SOURCES[aid.name]}")
+        for aid in each if aid.is_used and aid.name in SOURCES
+    ]  # fmt: skip
+    if not names:
+        return phrase("instrument.others", "the other recorded quantities")
+    first, *others = names
+    short = [first, *(name.removeprefix("the ") for name in others)]
+    return f" {phrase('list.and', 'and')} ".join(short)
 
 
 def with_unit(disturbance: Disturbance) -> str:
@@ -265,7 +282,7 @@ def with_unit(disturbance: Disturbance) -> str:
 def aging(fit: Fit) -> str:
     """Time for which a fit is good; empty without a claim."""
     until = good_until(fit)
-    return "" if until is None else until.brief
+    return "" if until is None else until.brief_sentence(TERMINAL_LANGUAGE.get())
 
 
 def condition(fit: Fit) -> str:

@@ -33,6 +33,7 @@ import numpy as np
 from flinders.core.calibration_file import ProvenanceRecord
 from flinders.core.disturbance import is_column, kind_and_motor
 from flinders.core.durations import duration_text
+from flinders.core.language import in_english
 from flinders.core.units import unit_label
 from flinders.errors import FlindersError, count_text, figures
 from flinders.findings.sensor_words import uncertain
@@ -104,6 +105,7 @@ class Listing:
     notes: tuple[str, ...] = ()  # warnings before its use
 
 
+@in_english()
 def page(
     outcome: Fit | FitError,
     recording: Recording | None = None,

@@ -27,10 +27,11 @@ from typing import TYPE_CHECKING, Final
 from rich.console import Group
 
 from flinders.comparison.comparison import MAX_P_VALUE
+from flinders.core.language import numeral, phrase
 from flinders.core.units import unit_label
-from flinders.errors import count_text, figures
+from flinders.errors import figures
 from flinders.report.comparison_pages import at_most, chance_words, up_to
-from flinders.report.formatting import degrees
+from flinders.report.phrases import count, degrees, general, share
 from flinders.report.terminal import notes, style_cells, table, verdict
 
 if TYPE_CHECKING:
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
 
     from flinders.fitting.result import Fit
     from flinders.heading.error_propagation import HeadingError
+    from flinders.native.faults import Answer
     from flinders.workflows.onboard import OnboardCheck
 
 TITLES: Final = {"holds": "KEEP", "fails": "CHANGE", "cannot-tell": "CANNOT TELL"}
@@ -59,13 +61,21 @@ def errors_table(fit: Fit, onboard: OnboardCheck | None = None) -> Table:
     raw, bound_deg = claim.uncorrected_heading_error_deg, claim.heading_bound_deg
     new = fit.calibration.field_strength, fit.evidence.noise / ellipsoid.radius
     rows = [
-        ("uncorrected", strength, spread, raw, raw.worst + bound_deg),
-        ("new", *new, fit.heading_error_deg, bound_deg),
+        (phrase("errors.uncorrected", "uncorrected"), strength, spread, raw, raw.worst + bound_deg),
+        (phrase("errors.new", "new"), *new, fit.heading_error_deg, bound_deg),
     ]
     if onboard is not None:
         known = onboard.comparison
-        rows.insert(1, ("on board", onboard.strength, onboard.spread, known.heading_difference_deg, known.largest_deg))
-    names = ("", "strength", "spread", "heading error, rms", "worst", "95 % within")
+        name = phrase("errors.on-board", "on board")
+        rows.insert(1, (name, onboard.strength, onboard.spread, known.heading_difference_deg, known.largest_deg))
+    names = (
+        "",
+        phrase("errors.strength", "strength"),
+        phrase("errors.spread", "spread"),
+        phrase("errors.rms", "heading error, rms"),
+        phrase("errors.worst", "worst"),
+        phrase("errors.bound", "95 % within"),
+    )
     shown = len(names) if onboard is not None else len(names) - 1
     *others, last = (_cells(*row, unit=unit_label(fit.calibration.unit))[:shown] for row in rows)
     return table(names[:shown], [*others, style_cells("bold", *last)])
@@ -76,8 +86,8 @@ def _cells(
 ) -> tuple[str, ...]:
     """A row of the table."""
     bound = "" if math.isnan(bound_deg) else degrees(bound_deg)
-    length = f"{figures(strength, 4)} {unit}"
-    return name, length, f"{spread:.1%}", degrees(error.rms), degrees(error.worst), bound
+    length = f"{numeral(figures(strength, 4))} {unit}"
+    return name, length, share(spread, 1), degrees(error.rms), degrees(error.worst), bound
 
 
 def page_of_onboard(onboard: OnboardCheck, *, is_limited: bool) -> RenderableType:
@@ -86,41 +96,63 @@ def page_of_onboard(onboard: OnboardCheck, *, is_limited: bool) -> RenderableTyp
     `is_limited`: the fit has limits, which are listed below.
     """
     words = onboard_words(onboard, is_limited=is_limited)
-    basis = f"on board: {onboard.words}" if onboard.words else "on board: from the recording"
-    said = verdict(TITLES[onboard.answer], COLOURS[onboard.answer], words, basis)
+    source = onboard.words or phrase("onboard.recorded", "from the recording")
+    basis = phrase("onboard.source", "on board: {source}", source=source)
+    said = verdict(onboard_title(onboard.answer), COLOURS[onboard.answer], words, basis)
     return Group(said, notes(("note", each) for each in _remarks(onboard)))
+
+
+def onboard_title(answer: Answer) -> str:
+    """Title of the advice on the on-board calibration."""
+    return phrase(f"onboard.title.{answer}", TITLES[answer])
 
 
 def onboard_words(onboard: OnboardCheck, *, is_limited: bool = True) -> str:
     """Advice on replacing the on-board calibration, in words; `is_limited` as for `page_of_onboard`."""
     comparison = onboard.comparison
-    worst, target = up_to(comparison.worst_deg), f"{comparison.target_deg:g}°"
+    worst, target = up_to(comparison.worst_deg), f"{general(comparison.target_deg)}°"
     if onboard.answer == "holds":
         is_better = comparison.p_value is not None and comparison.p_value < MAX_P_VALUE
-        more = "; the new calibration is better, if you want more" if is_better else ""
-        return (
-            f"the onboard calibration is good enough: its headings are off by {worst} (95 % within "
-            f"{degrees(comparison.largest_deg)}; target {target}){more}"
-        )
+        more = phrase("onboard.better", "; the new calibration is better, if you want more") if is_better else ""
+        return phrase(
+            "onboard.holds",
+            "the onboard calibration is good enough: its headings are off by {worst} (95 % within {bound}; "
+            "target {target}){more}",
+            worst=worst, bound=degrees(comparison.largest_deg), target=target, more=more,
+        )  # fmt: skip
     if onboard.answer == "fails":
-        return (
-            f"a change is worthwhile: with the onboard calibration headings are off by {worst}, more than the target "
-            f"of {target} and {chance_words(comparison.p_value)}"
-        )
-    remedy = "resolve the first limit of this log, below" if is_limited else "record for longer"
-    return (
-        f"whether a change is worthwhile: with the onboard calibration headings are off by {worst}, give or take "
-        f"{at_most(comparison.claimed_bound_deg or 0.0)} (95 %), which may be within or beyond the target of {target}: "
-        f"{remedy}"
-    )
+        return phrase(
+            "onboard.fails",
+            "a change is worthwhile: with the onboard calibration headings are off by {worst}, more than the target "
+            "of {target} and {chance}",
+            worst=worst, target=target, chance=chance_words(comparison.p_value),
+        )  # fmt: skip
+    return phrase(
+        "onboard.cannot-tell",
+        "whether a change is worthwhile: with the onboard calibration headings are off by {worst}, give or take "
+        "{bound} (95 %), which may be within or beyond the target of {target}: {remedy}",
+        worst=worst, bound=at_most(comparison.claimed_bound_deg or 0.0), target=target, remedy=_remedy(is_limited),
+    )  # fmt: skip
+
+
+def _remedy(is_limited: bool) -> str:
+    """Remedy if the recording gives no answer."""
+    if is_limited:
+        return phrase("onboard.resolve", "resolve the first limit of this log, below")
+    return phrase("compare.longer", "record for longer")
 
 
 def _remarks(onboard: OnboardCheck) -> Iterator[str]:
     """Further remarks on the on-board calibration."""
     if onboard.changes:
-        yield f"it changed {count_text(onboard.changes, 'time')} in the log: the last one is judged"
+        yield phrase(
+            "onboard.changed", "it changed {count} in the log: the last one is judged",
+            count=count(onboard.changes, "time"),
+        )  # fmt: skip
     if onboard.mounting is not None and any(onboard.mounting) and onboard.calibration.frame == "sensor":
-        roll, pitch, yaw = onboard.mounting
-        yield (
-            f"the compass is mounted at roll {roll:g}°, pitch {pitch:g}°, yaw {yaw:g}°, which no calibration changes"
-        )
+        roll, pitch, yaw = map(general, onboard.mounting)
+        yield phrase(
+            "onboard.mounting",
+            "the compass is mounted at roll {roll}°, pitch {pitch}°, yaw {yaw}°, which no calibration changes",
+            roll=roll, pitch=pitch, yaw=yaw,
+        )  # fmt: skip

@@ -16,6 +16,7 @@ import math
 import textwrap
 from typing import TYPE_CHECKING, Any, Final, cast
 
+from flinders.core.language import in_english
 from flinders.core.units import unit_label
 from flinders.errors import count_text, figures
 from flinders.findings import REFUSALS, limit_of
@@ -52,6 +53,7 @@ MAX_RUNS: Final = 8
 """Largest number of outlier runs in the list."""
 
 
+@in_english()
 def page(outcome: Fit | FitError, provenance: ProvenanceRecord) -> str:
     """Write a fit, or the reason why there is none, in plain words, with release, date and recordings."""
     fit = fit_of(outcome)

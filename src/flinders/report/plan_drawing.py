@@ -16,6 +16,7 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Final
 
 from flinders.core.durations import duration_text
+from flinders.core.language import in_english
 from flinders.fitting.verdict import headline_of
 from flinders.report.charts import as_file, row_of_charts, text, thin_out
 from flinders.report.formatting import date_of, degrees
@@ -34,6 +35,7 @@ MAX_DOTS: Final = 800
 """Largest count of dots of the path."""
 
 
+@in_english()
 def drawing_of(plan: Plan) -> str:
     """The path on the sphere of directions, as an SVG file."""
     title = (
@@ -47,6 +49,7 @@ def drawing_of(plan: Plan) -> str:
     return as_file(row_of_charts(words, [figure], head, legend, top=22.0, foot=26.0), tile_rules())
 
 
+@in_english()
 def page_of(plan: Plan, commands: Sequence[str]) -> str:
     """A plan as one HTML file; `commands` record and calibrate as planned."""
     expected = plan.expected

@@ -17,12 +17,10 @@ from rich.console import Group
 from rich.table import Column, Table
 from rich.text import Text
 
-from flinders.core.durations import duration_text
-from flinders.core.units import unit_label
-from flinders.errors import count_text
+from flinders.core.language import TERMINAL_LANGUAGE, phrase
 from flinders.findings.words import UPSIDE_DOWN
 from flinders.fitting.verdict import headline_of
-from flinders.report.formatting import degrees
+from flinders.report.phrases import count, degrees, duration, general
 from flinders.report.terminal import facts, page, table, verdict, whole_columns
 from flinders.simulate.turn_sequence import CIRCLE_DEG
 from flinders.workflows.planned_fit import FIELD_STRENGTH, dip_of
@@ -48,39 +46,55 @@ HIGH_RATIO: Final = 1.5
 def of_plan(plan: Plan, commands: Sequence[str]) -> RenderableType:
     """Lay out a plan; `commands` record and calibrate as planned."""
     expected = plan.expected
-    title = f"EXPECTED {expected.fit.verdict.upper()}"
-    said = verdict(title, expected.fit.verdict, headline_of(expected.fit).words, *basis_words(plan))
-    return page(facts(plan_facts(plan)), _steps(plan.steps), _results(plan), said, _commands(commands))
+    language, quality = TERMINAL_LANGUAGE.get(), expected.fit.verdict
+    said = language.phrase(f"verdict.{quality}", quality)
+    title = language.capitals(language.phrase("plan.expected", "expected {verdict}", verdict=said))
+    words = headline_of(expected.fit, language=language).words
+    steps = [step.words(language) for step in plan.body.coded_steps(plan.sequence)]
+    found = verdict(title, quality, words, *basis_words(plan))
+    return page(facts(plan_facts(plan)), _steps(steps), _results(plan), found, _commands(commands))
 
 
 def plan_facts(plan: Plan) -> list[tuple[str, str]]:
     """Names and values of the facts that a plan is made from."""
     recording = plan.recording
-    sensors = "".join(f", {AIDS[aid]}" for aid in recording.aiding)
+    sensors = "".join(f", {_aid(aid)}" for aid in recording.aiding)
+    body = f"{plan.body.name}: {phrase(f'plan.for.{plan.body.name}', plan.body.description)}"
+    sensor = phrase(
+        "plan.sensor", "{noise} µT of noise, {rate} readings a second{sensors}",
+        noise=general(recording.noise, ".3g"), rate=general(recording.rate_hz), sensors=sensors,
+    )  # fmt: skip
     return [
-        ("body", f"{plan.body.name}: {plan.body.description}"),
-        (
-            "sensor",
-            f"{recording.noise:.3g} {unit_label('uT')} of noise, {recording.rate_hz:g} readings a second{sensors}",
-        ),
-        ("field", field_words(plan)),
-        ("time", recording_words(plan)),
+        (phrase("plan.body", "body"), body),
+        (phrase("plan.fact.sensor", "sensor"), sensor),
+        (phrase("plan.fact.field", "field"), field_words(plan)),
+        (phrase("plan.fact.time", "time"), recording_words(plan)),
     ]
+
+
+def _aid(aid: str) -> str:
+    """Words for an aiding sensor."""
+    return phrase(f"plan.aid.{aid}", AIDS[aid])
 
 
 def field_words(plan: Plan) -> str:
     """Strength and dip of the field that a plan is for."""
     site = plan.recording.site
     strength = FIELD_STRENGTH if site is None or site.strength is None else site.strength
-    assumed = "" if site is not None and site.inclination_deg is not None else " (assumed)"
-    return f"{strength:.3g} {unit_label('uT')}, dip {dip_of(site):.3g}°{assumed}"
+    shown, dip = general(strength, ".3g"), general(dip_of(site), ".3g")
+    if site is not None and site.inclination_deg is not None:
+        return phrase("plan.field", "{strength} µT, dip {dip}°", strength=shown, dip=dip)
+    return phrase("plan.field-assumed", "{strength} µT, dip {dip}° (assumed)", strength=shown, dip=dip)
 
 
 def recording_words(plan: Plan) -> str:
     """Duration, readings, and the time of one turn."""
     usual_s = CIRCLE_DEG / plan.body.turning_deg_s
-    each = duration_text(usual_s * plan.seconds / plan.body.seconds(plan.sequence))
-    return f"{duration_text(plan.seconds)}, {count_text(plan.readings, 'reading')}, {each} for each turn"
+    each = duration(usual_s * plan.seconds / plan.body.seconds(plan.sequence))
+    return phrase(
+        "plan.recording", "{time}, {readings}, {each} for each turn",
+        time=duration(plan.seconds), readings=count(plan.readings, "reading"), each=each,
+    )  # fmt: skip
 
 
 def basis_words(plan: Plan) -> list[str]:
@@ -89,20 +103,29 @@ def basis_words(plan: Plan) -> list[str]:
     claim, information = expected.fit.claim, expected.information_error_deg
     words = []
     if not math.isnan(information):
-        words.append(f"information bound of noise and prior: {degrees(information)} (rms)")
+        words.append(
+            phrase(
+                "plan.information", "information bound of noise and prior: {error} (rms)", error=degrees(information)
+            )
+        )
     if expected.high_error_deg > HIGH_RATIO * claim.heading_error_deg.worst:
         words.append(
-            f"one recording in eight claims {degrees(expected.high_error_deg)} or more, as its noise seems to last"
-        )
+            phrase(
+                "plan.high-claim", "one recording in eight claims {error} or more, as its noise seems to last",
+                error=degrees(expected.high_error_deg),
+            )
+        )  # fmt: skip
     if claim.attitude_limit_deg < SMALL_TILT_DEG:
-        words.append(f"each degree of tilt adds {degrees(claim.per_degree_of_tilt)}")
+        words.append(
+            phrase("plan.per-tilt", "each degree of tilt adds {error}", error=degrees(claim.per_degree_of_tilt))
+        )
     return words
 
 
 def result_cells(expected: ExpectedFit | None) -> list[str]:
     """Heading error to expect, rms and worst, its 95 %, and the tilt up to which headings are within the target."""
     if expected is None:
-        return ["no fit", "", "", ""]
+        return [phrase("plan.no-fit", "no fit"), "", "", ""]
     claim = expected.fit.claim
     error = claim.heading_error_deg
     return [degrees(error.rms), degrees(error.worst), degrees(claim.heading_bound_deg), reach_words(expected)]
@@ -112,32 +135,40 @@ def reach_words(expected: ExpectedFit) -> str:
     """Tilt up to which headings are within the target."""
     claim = expected.fit.claim
     if not claim.heading_error_deg.worst <= claim.target_deg:
-        return "none"
+        return phrase("numbers.none", "none")
     limit_deg = claim.attitude_limit_deg
     if limit_deg >= UPSIDE_DOWN:
-        return "any"
-    return f"{limit_deg:.0f}°" if limit_deg >= SMALL_TILT_DEG else "level only"
+        return phrase("numbers.any", "any")
+    return f"{limit_deg:.0f}°" if limit_deg >= SMALL_TILT_DEG else phrase("plan.level-only", "level only")
 
 
 def alternative_words(each: Alternative) -> str:
     """Name of an alternative in the table."""
     if each.name == "time":
-        return "twice the time"
-    return f"tilted by {each.tilt_deg:g}°" if each.name == "tilt" else f"+ {AIDS[each.name]}"
+        return phrase("plan.twice", "twice the time")
+    if each.name == "tilt":
+        return phrase("plan.tilted", "tilted by {tilt}°", tilt=general(each.tilt_deg))
+    return f"+ {_aid(each.name)}"
 
 
 def result_rows(plan: Plan) -> list[list[str]]:
     """Rows of the table of results: the plan, then its alternatives."""
-    rows = [["as planned", duration_text(plan.seconds), *result_cells(plan.expected)]]
+    rows = [[phrase("plan.as-planned", "as planned"), duration(plan.seconds), *result_cells(plan.expected)]]
     return rows + [
-        [alternative_words(each), duration_text(each.seconds), *result_cells(each.expected)]
-        for each in plan.alternatives
+        [alternative_words(each), duration(each.seconds), *result_cells(each.expected)] for each in plan.alternatives
     ]
 
 
 def result_headings(target_deg: float) -> list[str]:
     """Headings of that table."""
-    return ["", "time", "heading error, rms", "worst", "95 %", f"within {target_deg:g}° to"]
+    return [
+        "",
+        phrase("plan.fact.time", "time"),
+        phrase("errors.rms", "heading error, rms"),
+        phrase("errors.worst", "worst"),
+        phrase("plan.bound", "95 %"),
+        phrase("plan.within", "within {target}° to", target=general(target_deg)),
+    ]
 
 
 def _steps(steps: Sequence[str]) -> RenderableType:
@@ -151,7 +182,7 @@ def _steps(steps: Sequence[str]) -> RenderableType:
 def _commands(commands: Sequence[str]) -> RenderableType:
     """Commands in the order in which they are typed."""
     return Group(
-        Text("record and calibrate", "bold"),
+        Text(phrase("plan.commands", "record and calibrate"), "bold"),
         *(Text(f"   {command}", no_wrap=True, overflow="ignore") for command in commands),
     )
 
@@ -159,4 +190,4 @@ def _commands(commands: Sequence[str]) -> RenderableType:
 def _results(plan: Plan) -> RenderableType:
     """The error to expect as planned, and with more time, tilt or sensors."""
     first, *others = result_headings(plan.recording.target_deg)
-    return Group(table([first, *whole_columns(others)], result_rows(plan)))
+    return Group(table([Column(first, overflow="fold"), *whole_columns(others)], result_rows(plan)))

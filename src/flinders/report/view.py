@@ -33,7 +33,7 @@ from flinders.findings import first_causes
 from flinders.findings.finding import json_value
 from flinders.findings.row import words_of_conditions
 from flinders.findings.words import ANY_ANGLE_DEG
-from flinders.fitting.advice import MIN_SAVED_SHARE, guidance_for, movement
+from flinders.fitting.advice import MIN_SAVED_SHARE, guidance_for, movement, next_movement
 from flinders.fitting.verdict import headline_of
 from flinders.geometry.plane import down_direction
 from flinders.geometry.sphere import tile_indices, tiles
@@ -126,6 +126,7 @@ class GuidanceView(Struct, frozen=True):
     goal: Literal["heading", "attitude"]  # for a level vehicle, or for one at any attitude
     frame: Literal["vehicle", "sensor"] = "sensor"  # axes of the direction, and of the words
     is_path: bool = False  # whether it is the first step of a path from the newest reading, which an arrow shows
+    code: str = ""  # of words without a direction, for pages in other languages
 
 
 class View(Struct, frozen=True, kw_only=True):
@@ -200,7 +201,7 @@ def view(
         unit=unit_label(fit.calibration.unit),
         field_strength_known=fit.calibration.field_strength_known,
         samples=fit.evidence.samples,
-        findings=tuple(map(_finding, first_causes(fit.findings))),
+        findings=tuple(map(finding_view, first_causes(fit.findings))),
         tiles_deg=_shown_errors(errors),
         tiles_seen=tuple(np.bincount(tile_indices(corrected), minlength=len(errors)).tolist()),
         rejected=tuple((int(numbered[first]), int(numbered[last])) for first, last in sorted(rejected)),
@@ -224,7 +225,7 @@ def view_of_numbers(fit: Fit) -> View:
         unit=unit_label(fit.calibration.unit),
         field_strength_known=fit.calibration.field_strength_known,
         samples=fit.evidence.samples,
-        findings=tuple(map(_finding, first_causes(fit.findings))),
+        findings=tuple(map(finding_view, first_causes(fit.findings))),
         noise=None if fit.judgement.is_flat else fit.evidence.noise,
         heading_error_deg=_heading_error(fit) if is_known else None,
         attitude_limit_deg=limit_deg,
@@ -351,7 +352,7 @@ def tile_errors_deg(fit: Fit) -> Floats:
     return engine().attitude_errors(claim.ellipsoid.shape, claim.claimed_covariance, directions, dip_deg=dip_deg)
 
 
-def _finding(finding: Finding) -> FindingView:
+def finding_view(finding: Finding) -> FindingView:
     """A finding with its sentence."""
     number, limit = json_value(finding.number), json_value(finding.limit)
     values = {name: json_value(finding.values[name]) for name in IN_PLAIN_WORDS if name in finding.values}
@@ -401,12 +402,13 @@ def guidance(fit: Fit, goal: Goal, frame: Frame) -> GuidanceView:
     """
     next_turn = guidance_for(fit, goal)
     direction, words = None, "turn it slowly through all directions, away from iron and from currents"
+    code = "everywhere"
     if fit.claim.plane:
-        words = movement(fit)
+        words, code = movement(fit), next_movement(fit)[0]
     elif next_turn.after_deg <= (1.0 - MIN_SAVED_SHARE) * next_turn.worst_deg:
-        direction, words = triple(rotation_of(fit) @ next_turn.direction), next_turn.words(frame)
+        direction, words, code = triple(rotation_of(fit) @ next_turn.direction), next_turn.words(frame), ""
     worst, after = (math.hypot(error, fit.claim.structure_deg) for error in (next_turn.worst_deg, next_turn.after_deg))
-    return GuidanceView(direction, words, worst, after, goal, frame)
+    return GuidanceView(direction, words, worst, after, goal, frame, code=code)
 
 
 def triple(vector: Floats) -> Triple:

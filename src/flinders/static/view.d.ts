@@ -54,6 +54,7 @@ export interface GuidanceView {
   goal: "heading" | "attitude";
   frame: "vehicle" | "sensor";
   is_path: boolean;
+  code: string; // of words without a direction, for pages in other languages
 }
 
 /** The correction that readings are drawn under, for drawing only: ``matrix @ (raw - offset) / strength``. */

@@ -18,15 +18,38 @@ import msgspec
 from msgspec import Struct
 
 from flinders.core.durations import duration_text
+from flinders.findings import Finding, first_causes
 from flinders.fitting.verdict import headline_of
-from flinders.simulate.bodies import BODIES
+from flinders.report.view import FindingView, finding_view
+from flinders.simulate.bodies import BODIES, Step, side_key
 from flinders.workflows.planning import plan
 
 NOISES_UT: Final = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 """Levels of noise of the table, µT."""
 
+DIGITS: Final = 4
+"""Significant digits of numbers for sentences."""
+
 TABLE: Final = "plans.json"
 """Name of the table's file, in the folder of this module."""
+
+
+class ClaimView(Struct, frozen=True):
+    """Heading error to expect while level, degrees."""
+
+    worst: float
+    bound_95: float
+    target_deg: float
+
+
+class StepView(Struct, frozen=True):
+    """An instruction: `flinders.simulate.bodies.Step`."""
+
+    form: str
+    circle: str
+    times: int
+    side: str  # key of its words; empty for none
+    tilt_deg: float
 
 
 class PlannedRecording(Struct, frozen=True):
@@ -37,6 +60,12 @@ class PlannedRecording(Struct, frozen=True):
     verdict: str  # expected verdict
     sentence: str  # duration, and the first sentence of the expected verdict
     steps: tuple[str, ...]  # instructions, one for each attitude
+    seconds: float
+    rate_hz: float  # readings a second
+    heading_error_deg: ClaimView  # to expect
+    attitude_limit_deg: float  # tilt up to which headings are within the target
+    findings: tuple[FindingView, ...]  # first cause of the verdict
+    turns: tuple[StepView, ...]  # `steps` as codes and numbers, for pages in other languages
 
 
 def planned_recording(body: str, noise: float | str) -> PlannedRecording:
@@ -46,7 +75,41 @@ def planned_recording(body: str, noise: float | str) -> PlannedRecording:
     words = (
         f"{duration_text(planned.seconds)} at {planned.recording.rate_hz:g} readings a second. {headline_of(fit).words}"
     )
-    return PlannedRecording(planned.body.name, planned.recording.noise, fit.verdict, words, tuple(planned.steps))
+    claim = fit.claim
+    return PlannedRecording(
+        body=planned.body.name,
+        noise=planned.recording.noise,
+        verdict=fit.verdict,
+        sentence=words,
+        steps=tuple(planned.steps),
+        seconds=_short(planned.seconds),
+        rate_hz=planned.recording.rate_hz,
+        heading_error_deg=ClaimView(
+            worst=_short(claim.heading_error_deg.worst),
+            bound_95=_short(claim.heading_bound_deg),
+            target_deg=claim.target_deg,
+        ),
+        attitude_limit_deg=_short(claim.attitude_limit_deg),
+        findings=tuple(_short_finding(each) for each in first_causes(fit.findings)[:1] if fit.verdict != "good"),
+        turns=tuple(map(_step_view, planned.body.coded_steps(planned.sequence))),
+    )
+
+
+def _short(number: float) -> float:
+    """A number to as many digits as a sentence may need."""
+    return float(f"{number:.{DIGITS}g}")
+
+
+def _short_finding(finding: Finding) -> FindingView:
+    """A finding for the page, with short numbers and without its English sentence."""
+    whole = finding_view(finding)
+    number, limit = (None if value is None else _short(value) for value in (whole.number, whole.limit))
+    return msgspec.structs.replace(whole, number=number, limit=limit, advice="")
+
+
+def _step_view(step: Step) -> StepView:
+    """An instruction for the page."""
+    return StepView(step.form, step.circle, step.times, side_key(step.side), step.tilt_deg)
 
 
 @cache

@@ -282,7 +282,7 @@ function drawSource({ phase, source, readings, rejected, excluded_readings, rate
     ];
     const words = counts.filter(Boolean).join(" · ");
     setText(byId("source-words", HTMLElement), words);
-    byId("source", HTMLElement).title = [source.name, source.words, words, recording ? phrase("source.recorded", "recorded to {file}", { file: recording }) : ""].filter(Boolean).join("\n");
+    byId("source", HTMLElement).title = [sourceTitle(source.name), remarkWords(source.words), words, recording ? phrase("source.recorded", "recorded to {file}", { file: recording }) : ""].filter(Boolean).join("\n");
 }
 
 /** @param {State} state */

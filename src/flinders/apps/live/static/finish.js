@@ -7,7 +7,7 @@ import { hexadecimal } from "./standalone/targets.js";
 import { table } from "./views/table.js";
 import { clock, countText, degrees, ICONS, isGoodWhileLevel, measuredText, phaseTitle, sentence, significant, sinceWords, things, verdictTitle, whileLevelTitle } from "./views/words.js";
 import { phrase } from "./language.js";
-import { adviceOf, conditionOf, reasonWords, sentenceOf } from "./verdict_words.js";
+import { adviceOf, conditionOf, previousWords, reasonWords, sentenceOf } from "./verdict_words.js";
 
 /** @typedef {import("./messages.d.ts").SessionState} State */
 /** @typedef {import("../../../static/view.d.ts").View} View */
@@ -177,7 +177,7 @@ export class Finish {
         setText(
             byId("previous-words", HTMLElement),
             previous
-                ? `${previous.name}: ${sentence(previous.words)}`
+                ? `${previous.name}: ${sentence(previousWords(previous))}`
                 : phrase("compare.words", "An earlier calibration file of this sensor shows the change of headings since."),
         );
         const name = previous?.name ?? "";

@@ -12,6 +12,8 @@ import { phrase } from "./language.js";
  */
 
 const STORE = "flinders-single-keys";
+/** Names of keys that are no letters. @type {Readonly<Record<string, string>>} */
+export const KEYS = Object.freeze({ delete: "Delete", escape: "Escape", shift: "Shift", ctrl: "Ctrl" });
 
 /** Whether shortcuts of a single key are on; users of speech input can switch them off. */
 export function singleKeys() {
@@ -65,9 +67,17 @@ export function rows(shortcuts) {
             if (i > 0) head.append(` ${phrase("keys.or", "or")} `);
             key.split("+").filter(Boolean).forEach((part, j) => {
                 if (j > 0) head.append(" ");
-                head.append(element("kbd", part[0].toUpperCase() + part.slice(1)));
+                head.append(element("kbd", nameOf(part)));
             });
         });
         return element("div", [head, element("dd", words)]);
     });
+}
+
+/**
+ * @param {string} key
+ * @returns {string} Its name on a keyboard.
+ */
+function nameOf(key) {
+    return KEYS[key] ? phrase(`key.${key}`, KEYS[key]) : key[0].toUpperCase() + key.slice(1);
 }

@@ -89,7 +89,8 @@ export function numeral(text) {
     if (language.code === ENGLISH) return text;
     const parts = new Intl.NumberFormat(language.code).formatToParts(12345.6);
     const signOf = (/** @type {string} */ type) => parts.find((part) => part.type === type)?.value ?? "";
-    return text.replace(/[.,](?=\d)/g, (sign) => signOf(sign === "." ? "decimal" : "group"));
+    const whole = text.replace(/[.,](?=\d)/g, (sign) => signOf(sign === "." ? "decimal" : "group"));
+    return whole.replace(/(?<=\d)%/g, phrase("number.percent", "%"));
 }
 
 /**

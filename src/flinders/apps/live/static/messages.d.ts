@@ -19,6 +19,8 @@ export interface PreviousState {
   name: string;
   change_deg: number | null;
   words: string;
+  code?: string; // of the words, for pages in other languages
+  values?: Record<string, string>; // of the words
 }
 
 /** State of a session for the page, without the fit and the points. */

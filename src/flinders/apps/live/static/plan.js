@@ -1,20 +1,42 @@
 /** A small planner: gives the turns and the expected heading error for a body and the noise of its sensor. */
 
 import { adopt, byId, element, Refusal } from "./dom.js";
-import { sentence } from "./views/words.js";
-import { numeral, phrase, translateFixed } from "./language.js";
+import { figures } from "./standalone/numbers.js";
+import { countText, sentence } from "./views/words.js";
+import { numeral, phrase, translateFixed, translation } from "./language.js";
+import { sentenceOf } from "./verdict_words.js";
+
+/** @typedef {import("../../../static/view.d.ts").FindingView} Finding */
 
 /**
  * A plan as `flinders.apps.live.planned` gives it.
  * @typedef {object} PlannedRecording
  * @property {string} body
  * @property {number} noise  µT, 1 σ of each axis and reading
- * @property {string} verdict  expected verdict
+ * @property {"good" | "limited" | "refused"} verdict  expected verdict
  * @property {string} sentence
  * @property {string[]} steps  instructions
+ * @property {number} seconds
+ * @property {number} rate_hz
+ * @property {{worst: number, bound_95: number, target_deg: number}} heading_error_deg
+ * @property {number} attitude_limit_deg
+ * @property {Finding[]} findings  the first cause of the verdict
+ * @property {Step[]} turns  `steps` as codes and numbers
+ */
+
+/**
+ * An instruction as `flinders.simulate.bodies.Step`.
+ * @typedef {object} Step
+ * @property {string} form
+ * @property {string} circle
+ * @property {number} times
+ * @property {string} side
+ * @property {number} tilt_deg
  */
 
 /** @typedef {(body: string, noise: number) => Promise<PlannedRecording>} Ask */
+
+const MINUTE_S = 60;
 
 const CSS = `
 .plan { pointer-events: auto; text-align: left; color: var(--ink); }
@@ -53,10 +75,12 @@ export function layPlan(parent, bodies, ask) {
     byId("plan-ask", HTMLElement).addEventListener("click", async () => {
         plan.setAttribute("aria-busy", "true");
         try {
-            show(plan, await ask(body.value, Number(byId("plan-noise", HTMLInputElement).value)));
+            const planned = await ask(body.value, Number(byId("plan-noise", HTMLInputElement).value));
+            const noise = phrase("plan.with", "With {noise} µT of noise: ", { noise: numeral(String(planned.noise)) });
+            show(plan, planned.verdict, [noise, resultWords(planned)], stepWords(planned));
         } catch (error) {
             if (!(error instanceof Refusal)) throw error;
-            show(plan, { body: "", noise: 0, verdict: "refused", sentence: sentence(error.message), steps: [] });
+            show(plan, "refused", [sentence(error.message)], []);
         } finally {
             plan.removeAttribute("aria-busy");
         }
@@ -65,17 +89,43 @@ export function layPlan(parent, bodies, ask) {
 
 /**
  * @param {HTMLElement} plan
- * @param {PlannedRecording} planned
+ * @param {string} verdict
+ * @param {string[]} result
+ * @param {string[]} steps
  */
-function show(plan, planned) {
-    plan.dataset.verdict = planned.verdict;
-    const noise = planned.body ? phrase("plan.with", "With {noise} µT of noise: ", { noise: numeral(String(planned.noise)) }) : "";
-    const english = element("span", planned.sentence);
-    if (planned.body) english.lang = "en"; // instructions and verdict of a plan have no translation
-    byId("plan-result", HTMLElement).replaceChildren(noise, english);
-    const steps = byId("plan-steps", HTMLElement);
-    steps.lang = "en";
-    steps.replaceChildren(...planned.steps.map((words) => element("li", words)));
+function show(plan, verdict, result, steps) {
+    plan.dataset.verdict = verdict;
+    byId("plan-result", HTMLElement).replaceChildren(...result);
+    byId("plan-steps", HTMLElement).replaceChildren(...steps.map((words) => element("li", words)));
+}
+
+/**
+ * Duration and expected verdict of a plan in the page's language.
+ * @param {PlannedRecording} planned
+ * @returns {string}
+ */
+export function resultWords(planned) {
+    const { seconds, rate_hz: rate } = planned;
+    const verdict = sentenceOf({ ...planned, sentence: "" });
+    if (!translation("plan.duration") || !verdict) return planned.sentence;
+    const [number, unit] = seconds < MINUTE_S ? [seconds, "s"] : [seconds / MINUTE_S, "min"];
+    const time = `${numeral(figures(number))} ${phrase(`duration.${unit}`, unit)}`;
+    return `${phrase("plan.duration", "{time} at {rate} readings a second.", { time, rate: countText(rate) })} ${verdict}`;
+}
+
+/**
+ * Instructions of a plan in the page's language.
+ * @param {PlannedRecording} planned
+ * @returns {string[]}
+ */
+export function stepWords({ turns, steps }) {
+    return turns.map(({ form, circle, times, side, tilt_deg: tilt }, i) => {
+        const words = translation(`plan.step.${form}`);
+        if (!words) return steps[i];
+        const count = translation(`plan.times.${times}`) ?? phrase("plan.times.many", "{count} times", { count: times });
+        const around = phrase(`plan.circle.${circle}`, "", { times: count });
+        return phrase(`plan.step.${form}`, words, { around, side: translation(`plan.side.${side}`) ?? "", tilt: numeral(String(tilt)) });
+    });
 }
 
 /**

@@ -13,6 +13,8 @@ import { sentence } from "./views/words.js";
 /** @typedef {import("./messages.d.ts").Reason} Reason */
 /** @typedef {import("../../../static/view.d.ts").View} View */
 /** @typedef {import("../../../static/view.d.ts").FindingView} Finding */
+/** @typedef {import("./messages.d.ts").PreviousState} PreviousState */
+/** A view, or a part of one, that a verdict is said of. @typedef {Pick<View, "verdict" | "findings" | "attitude_limit_deg" | "sentence"> & {heading_error_deg: {worst: number, bound_95: number, target_deg: number} | null}} Judged */
 /** A finding, or a reason: values of its sentence by name. @typedef {{code: string, advice: string, values?: Record<string, any> | null}} Said */
 
 /** Places of tilts in the table of reaches. */
@@ -49,7 +51,7 @@ export function useVerdictTables(data) {
 
 /**
  * The first sentence of a verdict.
- * @param {View} view
+ * @param {Judged} view
  * @returns {string}
  */
 export function sentenceOf(view) {
@@ -123,6 +125,20 @@ export function refusalWords(code, words) {
     return (code && translation(`refusal.${code}`)) || words;
 }
 
+/**
+ * How an earlier calibration compares with the present one.
+ * @param {PreviousState} previous
+ * @returns {string}
+ */
+export function previousWords({ words, code, values }) {
+    const said = code && translation(`earlier.${code}`);
+    if (!said) return words;
+    const local = Object.fromEntries(Object.entries(values ?? {}).map(([name, value]) => [name, localText(value) ?? ""]));
+    if (values?.below) local.difference = phrase("earlier.below", "less than {limit}°", { limit: numeral(values.below) });
+    if (values?.source) local.source = phrase("earlier.this", "this recording");
+    return phrase(`earlier.${code}`, said, local);
+}
+
 /** @param {Said} finding @returns {string | null} Meaning of a finding in words; null without a translation. */
 function plainWords(finding) {
     const words = translation(`findings.${finding.code}.plain`);
@@ -175,7 +191,7 @@ function valueOf(name, { number = null, limit = null, values }) {
 
 /** @param {string | number | null} value @returns {string | number | null} A number in text with the signs of the language. */
 function localText(value) {
-    return typeof value === "string" && /^[\d.,]+$/.test(value) ? numeral(value) : value;
+    return typeof value === "string" && /^[\d.,]+°?$/.test(value) ? numeral(value) : value;
 }
 
 /** @param {[string] | [string, number]} step @returns {string} The next step, as an instruction. */

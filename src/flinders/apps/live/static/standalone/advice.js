@@ -122,6 +122,7 @@ export function withPath(view, fit, readings, isFlat, goal, frame) {
         goal,
         frame,
         is_path: true,
+        code: "",
     };
     return { ...view, guidance, shown: isRough ? round(belief) : view.shown };
 }

@@ -40,7 +40,7 @@ export class ColumnDialog {
         this.unit = byId("columns-unit", HTMLSelectElement);
         this.unit.replaceChildren(...["", ...units].map((unit) => option(unit, UNITS[/** @type {keyof typeof UNITS} */ (unit)] ?? unit)));
         const counts = element("optgroup", chips.map(([words], place) => option(`${place}`, words)));
-        counts.setAttribute("label", "counts of a chip");
+        counts.setAttribute("label", phrase("columns.chip", "counts of a chip"));
         this.unit.append(counts);
         this.chips = chips;
         this.axes[0].addEventListener("change", () => this.follow());

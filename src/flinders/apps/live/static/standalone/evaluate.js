@@ -14,7 +14,7 @@ import { viewOf } from "./view.js";
 /** @typedef {import("./findings.js").Finding} Finding */
 
 /** Advice after a level turn that reaches the target, by goal; further level turns would not help. */
-const WHILE_LEVEL = {
+export const WHILE_LEVEL = {
     heading: "it is good while level",
     attitude: "it is good while level; for headings that hold when it is tilted, turn it tilted and upside down too",
 };
@@ -111,7 +111,7 @@ function renewedFit(engine, data, asked, previous) {
 function whileLevel(view, fit, goal) {
     const isDone = fit.plane && view.verdict === "limited" && fit.headingError.worst <= fit.targetDeg;
     if (!isDone || !view.guidance) return view;
-    return { ...view, guidance: { ...view.guidance, words: WHILE_LEVEL[goal] } };
+    return { ...view, guidance: { ...view.guidance, words: WHILE_LEVEL[goal], code: `while-level-${goal}` } };
 }
 
 /**

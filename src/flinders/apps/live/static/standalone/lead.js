@@ -12,7 +12,7 @@ import { correctReading, dot, unit } from "../../../../static/views/vectors.js";
 import { brief, faultTitle, sentence } from "../views/words.js";
 import { isOver, progress, SEQUENCES, staysLevel } from "./choreography.js";
 import { gapOf } from "./gaps.js";
-import { languageCode, phrase } from "../language.js";
+import { languageCode, phrase, translation } from "../language.js";
 
 /** @typedef {import("../messages.d.ts").SessionState} State */
 /** @typedef {import("../../../../static/view.d.ts").View} View */
@@ -159,7 +159,7 @@ function endedWords({ phase, told, words, reasons }, view) {
  */
 function goOn(view) {
     const guidance = view?.guidance ?? null;
-    if (languageCode() !== "en") return around().replace(/^\p{L}/u, (letter) => letter.toLowerCase());
+    if (languageCode() !== "en") return (translation(`step.${guidance?.code}`) ?? around()).replace(/^\p{L}/u, (letter) => letter.toLowerCase());
     const isSaid = guidance && !guidance.is_path && (guidance.direction === null || guidance.frame === "vehicle");
     const next = isSaid ? sentence(guidance.words) : around();
     return next.replace(/^\w/, (letter) => letter.toLowerCase());

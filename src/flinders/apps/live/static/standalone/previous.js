@@ -23,11 +23,14 @@ const DEG = 180 / Math.PI;
 const NEWTON_STEPS = 30;
 const ROUND = [1, 1, 1, 0, 0, 0]; // a sphere
 const MIN_SHOWN_DEG = 0.001; // a smaller difference is not shown as a number
-const ANSWERS = {
-    holds: "it still holds: headings differ by less than the target, with 95 %",
-    fails: "it no longer holds: headings differ by more than the target, something near the sensor has changed",
-    "cannot-tell": "too little is known yet to tell whether it holds",
-};
+/** Words of a comparison by code; `other-unit` and `other-axes` come with the engine's data. */
+export const COMPARED = Object.freeze({
+    "nothing-yet": "nothing to compare with yet",
+    holds: "it still holds: headings differ by less than the target, with 95 % ({difference} of heading at the worst)",
+    fails: "it no longer holds: headings differ by more than the target, something near the sensor has changed ({difference} of heading at the worst)",
+    "cannot-tell": "too little is known yet to tell whether it holds ({difference} of heading at the worst)",
+    renewed: "its soft iron is kept; the offset has moved by {distance} {unit}, which turns headings by up to {worst}°",
+});
 
 /**
  * Reason why an earlier calibration does not fit the readings; empty if it does.
@@ -37,11 +40,32 @@ const ANSWERS = {
  * @returns {string}
  */
 export function otherRecording({ name, calibration }, { unit, axes = "x,y,z" }, { said }) {
+    const found = otherOf({ name, calibration }, { unit, axes });
+    return found ? fillTemplate(said[found.code === "other-unit" ? "other-recording" : "other-axes"], (each) => found.values[each]) : "";
+}
+
+/**
+ * Unit or axes in which an earlier calibration and the readings differ; null for none.
+ * @param {Previous} previous
+ * @param {{unit: string, axes: string}} readings
+ * @returns {{code: string, values: Record<string, string>} | null}
+ */
+function otherOf({ name, calibration }, { unit, axes }) {
     const isOther = (calibration.unit === "counts") !== (unit === "counts");
-    if (!isOther && calibration.axes === axes) return "";
+    if (!isOther && calibration.axes === axes) return null;
     const other = isOther ? (calibration.raw?.unit ?? calibration.unit) : calibration.axes;
-    const values = { source: "this recording", unit, axes, name, other };
-    return fillTemplate(said[isOther ? "other-recording" : "other-axes"], (each) => values[/** @type {keyof typeof values} */ (each)]);
+    return { code: isOther ? "other-unit" : "other-axes", values: { source: "this recording", unit, axes, name, other } };
+}
+
+/**
+ * @param {string} name
+ * @param {number | null} change_deg
+ * @param {keyof typeof COMPARED} code
+ * @param {Record<string, string>} [values]
+ * @returns {PreviousState}
+ */
+function compared(name, change_deg, code, values = {}) {
+    return { name, change_deg, words: fillTemplate(COMPARED[code], (each) => values[each]), code, values };
 }
 
 /**
@@ -68,12 +92,11 @@ export function renewedOf({ name, calibration }) {
  */
 export function comparePrevious(previous, fit, data, readings) {
     const { name, calibration } = previous;
-    const without = (/** @type {string} */ words) => ({ name, change_deg: null, words });
-    if (fit === null) return without("nothing to compare with yet");
+    if (fit === null) return compared(name, null, "nothing-yet");
     if (fit.renewed) return changeSince(fit, fit.renewed);
     const { engine } = fit;
     const words = otherRecording(previous, readings, data);
-    if (words) return without(words);
+    if (words) return { name, change_deg: null, words, ...otherOf(previous, { axes: "x,y,z", ...readings }) };
     const { structureDeg, dipDeg, covariance } = claimOf(calibration);
     const shape = shapeOf(calibration);
     const claimed = engine.withStructure(shape, covariance ?? new Float64Array(81), structureDeg, dipDeg);
@@ -83,8 +106,9 @@ export function comparePrevious(previous, fit, data, readings) {
     const apart = engine.compare(first, second, fit.dipDeg);
     const worst = apart.worst_deg;
     const answer = data.answers[engine.answer(apart, fit.targetDeg)];
-    const difference = worst >= MIN_SHOWN_DEG ? `${figures(worst)}°` : `less than ${general(MIN_SHOWN_DEG)}°`;
-    return { name, change_deg: worst, words: `${ANSWERS[answer]} (${difference} of heading at the worst)` };
+    if (worst >= MIN_SHOWN_DEG) return compared(name, worst, answer, { difference: `${figures(worst)}°` });
+    const below = general(MIN_SHOWN_DEG);
+    return compared(name, worst, answer, { difference: `less than ${below}°`, below });
 }
 
 /**
@@ -98,9 +122,7 @@ function changeSince({ engine, surface, unit, dipDeg }, { name, centre, shape })
     const { inverse } = surfaceOf(centre, shape);
     const off = [0, 3, 6].map((row) => moved.reduce((sum, part, i) => sum + inverse[row + i] * part, 0));
     const worst = engine.uncorrectedWorstDeg({ centre: off, shape: ROUND }, dipDeg);
-    const by = `${figures(Math.hypot(...moved))} ${unit}`;
-    const words = `its soft iron is kept; the offset has moved by ${by}, which turns headings by up to ${figures(worst)}°`;
-    return { name, change_deg: worst, words };
+    return compared(name, worst, "renewed", { distance: figures(Math.hypot(...moved)), unit, worst: figures(worst) });
 }
 
 /**

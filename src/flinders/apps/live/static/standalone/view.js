@@ -17,7 +17,7 @@ import { ANY_ANGLE_DEG } from "./wording.js";
 const BINS = 40;
 const WIDEST = 4;
 const RAD = Math.PI / 180;
-const EVERYWHERE = "turn it slowly through all directions, away from iron and from currents";
+export const EVERYWHERE = "turn it slowly through all directions, away from iron and from currents";
 
 /**
  * @param {Fit} fit
@@ -255,7 +255,8 @@ function levelErrors({ headingError }, { headingDeg, sigmaDeg }) {
 function guidance(fit, goal, frame) {
     const advice = guide(fit, goal, frame);
     const isOpen = fit.plane || isIdle(advice, fit.data);
-    const around = fit.plane ? stepWords(nextMovement(fit), fit.data) : EVERYWHERE;
+    const step = nextMovement(fit);
+    const around = fit.plane ? stepWords(step, fit.data) : EVERYWHERE;
     return {
         direction: isOpen ? null : triple(advice.direction),
         words: isOpen ? around : advice.words,
@@ -264,6 +265,7 @@ function guidance(fit, goal, frame) {
         goal,
         frame,
         is_path: false,
+        code: !isOpen ? "" : fit.plane ? step[0] : "everywhere",
     };
 }
 
