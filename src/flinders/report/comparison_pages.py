@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 TITLES: Final = {
     "holds": ("AGREE", "HOLDS"), "fails": ("CONTRADICT", "FAILS"), "cannot-tell": ("CANNOT TELL", "CANNOT TELL"),
 }  # fmt: skip
-"""Titles for two calibrations, and for one on another recording."""
+"""Titles of a comparison of two calibrations, and of a check on another recording."""
 
 UNCHECKED_WORDS: Final = (
     "a calibration always fits its own readings, even if the sensor has changed: this proves nothing"
@@ -80,11 +80,11 @@ def page_of_comparison(
     own: Sequence[str] = (),
     name: str = "the calibration",
 ) -> RenderableType:
-    """Lay out two calibrations side by side: the difference, the share of chance, the verdict.
+    """Lay out two calibrations side by side: their difference, whether chance explains it, and the verdict.
 
     In a check on a recording, `fresh` is the fit of that recording, whose limits are listed below, and `strengths` are
-    its strengths under both calibrations; `name` stands for the first one. `own` names recordings that the calibration
-    was made from: agreement with these proves nothing.
+    the lengths of its readings after both calibrations. `name` is the name of the first calibration. `own` names
+    recordings of the calibration itself: agreement with these proves nothing.
     """
     found = (
         () if fresh is None else without_repeated_steps(each for each in fresh.findings if each.severity == "limits")
@@ -107,7 +107,7 @@ def page_of_comparison(
 def page_of_partial_check(
     known: Fit, fit: Fit, strength: LengthSums, spell: Spelling = python_arguments
 ) -> RenderableType:
-    """Lay out the evidence of a recording without a usable fit about a known calibration, with the reasons."""
+    """Lay out what a recording without a usable fit says about a known calibration, and why there is no fit."""
     basis = f"{count_text(fit.evidence.samples, 'reading')}; {fit.evidence.method}"
     made = known.evidence.noise / known.calibration.ellipsoid.radius
     when_made = "" if math.isnan(made) else f" ({made:.1%} where {known.provenance.name} was made)"
@@ -121,7 +121,7 @@ def page_of_partial_check(
 
 
 def page_of_evaluation(evaluation: Evaluation) -> RenderableType:
-    """Lay out a calibration against the truth: true errors, claimed errors, their ratio, the verdict."""
+    """Lay out a calibration and the truth: true errors, claimed errors, their ratio, and the verdict."""
     return page(_true_errors(evaluation), _true_parameters(evaluation), _evaluation_verdict(evaluation))
 
 
@@ -129,7 +129,7 @@ def page_of_evaluation(evaluation: Evaluation) -> RenderableType:
 
 
 def chance_words(value: float | None) -> str:
-    """State whether chance explains a difference."""
+    """Words for whether chance explains a difference, by its p-value."""
     if value is None:
         return "no uncertainty is stated, so chance cannot be assessed"
     return f"{'no more' if value >= MAX_P_VALUE else 'more'} than chance explains ({p_value(value)})"
@@ -153,7 +153,7 @@ def _differences(comparison: Comparison) -> Table:
 
 
 def _offset_cells(offset: Floats, sigma: Floats | None) -> str:
-    """Offset along x, y and z, with its uncertainty if known."""
+    """Offset along x, y and z, with its uncertainty if that is known."""
     sigmas = np.zeros(3) if sigma is None else sigma
     return "   ".join(with_uncertainty(*pair) for pair in zip(offset + 0.0, sigmas, strict=True))
 
@@ -174,7 +174,7 @@ def _strengths(name: str, known: LengthSums, fresh: LengthSums) -> Table:
 def _comparison_verdict(
     comparison: Comparison, fresh: Fit | None, limits: Sequence[str], *, is_unchecked: bool
 ) -> Table:
-    """The answer, and its basis."""
+    """The answer, and the numbers that it is based on."""
     basis = _square_basis(comparison.heading_difference_deg, comparison.chi_square, comparison.freedom)
     if comparison.omitted_rotation_deg is not None:
         omitted = degrees(comparison.omitted_rotation_deg)
@@ -190,7 +190,7 @@ def _comparison_verdict(
 
 
 def _square_basis(error: HeadingError, square: float | None, freedom: int) -> str:
-    """Dip for which a heading error holds, and χ² if there is one."""
+    """Dip for which a heading error holds, and chi-square if there is one."""
     level = f"level vehicle, dip {error.dip_deg:.3g}°"
     if square is None:
         return level
@@ -199,7 +199,7 @@ def _square_basis(error: HeadingError, square: float | None, freedom: int) -> st
 
 
 def _words(comparison: Comparison, fresh: Fit | None, *, is_limited: bool) -> str:
-    """The answer in words: difference, bound, target and chance, then the remedy."""
+    """The answer in words: difference, bound, target and chance; then the remedy."""
     target = f"target of {comparison.target_deg:g}°"
     if comparison.is_identical:
         return "the same calibration twice"
@@ -226,7 +226,7 @@ def _words(comparison: Comparison, fresh: Fit | None, *, is_limited: bool) -> st
 
 
 def _remedy(comparison: Comparison, *, is_checked: bool, is_limited: bool) -> str:
-    """Remedy if the claims are too wide for an answer."""
+    """Remedy for claims that are too wide for an answer."""
     claim = at_most(max(comparison.own_bounds_deg or (0.0,)))
     if not is_checked:
         whose, what = f"that of {(comparison.wider_claim or '').upper()}", "calibrate again, from a longer recording"
@@ -239,7 +239,7 @@ def _remedy(comparison: Comparison, *, is_checked: bool, is_limited: bool) -> st
 
 
 def at_most(angle_deg: float) -> str:
-    """Format the upper limit of an angle.
+    """Write the upper limit of an angle.
 
     >>> at_most(0.66), at_most(170.0)
     ('0.66°', 'any angle')
@@ -248,7 +248,7 @@ def at_most(angle_deg: float) -> str:
 
 
 def up_to(angle_deg: float) -> str:
-    """Format the largest of several angles; above a right angle, any angle is possible.
+    """Write the largest of several angles; more than 90° is written as any angle.
 
     >>> up_to(0.31), up_to(170.0)
     ('up to 0.31°', 'any angle')
@@ -257,7 +257,7 @@ def up_to(angle_deg: float) -> str:
 
 
 def _percent(share: float) -> str:
-    """Format a fraction as a percentage.
+    """Write a fraction as a percentage.
 
     >>> _percent(0.00126), _percent(-0.00001), _percent(0.2), _percent(float("inf"))
     ('0.13%', '0.00%', '20%', '> 1000%')
@@ -290,7 +290,7 @@ def _true_errors(evaluation: Evaluation) -> Table:
 def _true_cells(
     true: HeadingError | DirectionError, claimed: HeadingError | DirectionError | None, ratio: float | None
 ) -> list[str]:
-    """An error, its claim, and their ratio; empty cells without a claim."""
+    """Cells for an error, its claim, and their ratio; without a claim empty ones."""
     claims = ("", "") if claimed is None else (angle(claimed.rms), angle(claimed.worst))
     return [angle(true.rms), angle(true.worst), *claims, "" if ratio is None else figures(ratio)]
 
@@ -335,7 +335,7 @@ def _evaluation_verdict(evaluation: Evaluation) -> Table:
 
 
 def _digits(share: float) -> str:
-    """Format a fraction as a percentage with two digits.
+    """Write a fraction as a percentage with two digits.
 
     >>> _digits(0.00126), _digits(0.2), _digits(-0.0312), _digits(1e-12), _digits(12.0)
     ('0.13%', '20%', '-3.1%', '0%', '> 1000%')
@@ -345,7 +345,7 @@ def _digits(share: float) -> str:
     return f"{figures(100 * share)}%" if abs(share) > 1e-9 else "0%"
 
 
-# ------------------------------------------------------------------------------------------ what to choose from
+# ---------------------------------------------------------------------------------------------- methods and targets
 
 
 def page_of_methods(
@@ -361,7 +361,7 @@ def page_of_methods(
 
 
 def page_of_targets(targets: Collection[Target]) -> RenderableType:
-    """Lay out the targets by groups, and below them the unverified properties of those with a star."""
+    """Lay out the targets by group, and below them the properties that no source confirms, each marked with a star."""
     headings = [
         Column("target", no_wrap=True),
         Column("written form", overflow="fold"),
