@@ -195,8 +195,8 @@ class Udp:
             if (timeout > 0 or not NO_WAIT_FLAG) and not select.select([self._socket], [], [], timeout)[0]:
                 return b""
             content, peer = self._receive()
-        except (BlockingIOError, ConnectionError):  # nothing has arrived, or a sent datagram has not reached a listener
-            # yet
+        # nothing has arrived, or a sent datagram has found no listener yet
+        except (BlockingIOError, ConnectionError):
             return b""
         except (OSError, ValueError):
             raise LinkError(f"{self.name} is gone: check the network") from None
