@@ -162,7 +162,7 @@ PAGE: Final[Mapping[str, Mapping[str, str]]] = {
         "`chip.candidates`, each": "workflows.chip_proposal:ChipCandidate",
         "`chips --json`, by name": "core.chips:Chip",
         "`settings`, each": "core.chips:ChipSetting",
-        "`record --json`": "links.transcript:RecordingStatistics",
+        "`record --json`": "links.recording_statistics:RecordingStatistics",
         "`watch --json`, `watch --status`": "apps.service.reports:Report",
         "`live --json`": "apps.live.cli.live:_as_dict",
         "`station --json`": "apps.live.cli.station:_as_dict",
