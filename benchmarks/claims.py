@@ -6,12 +6,12 @@
 ``time``        correlated noise, AR(1) at 50 Hz, on a tumble by hand
 ``slow``        the same with time constants of up to seconds, plus white noise, also in short recordings
 ``distortion``  a smooth distortion that depends on the direction, and a field with a gradient along the hand's path
-``outliers``    efficiency (bound ÷ rms angle error) with outliers; for clusters, the centre error divided by that
-without ``confidence``  motions with incomplete coverage: shares of good verdicts, and of headings far beyond the claim
-``few``         10 to 40 readings, one for each attitude: share of wrong fits that only ``few-samples`` limits, and
-expected ``shrunk``      short turns of uncorrected sensors: number of fits with shrinkage, and their errors ``doubt``
-residuals in runs of rejected readings, in rejection limits: noise near steel, and passing magnets ``halves``      real
-recordings cut in two: difference of the halves' calibrations divided by its claim
+``outliers``    efficiency (bound ÷ rms angle error) with outliers; for clusters, the centre error over that without
+``confidence``  motions with incomplete coverage: shares of good verdicts, and of headings far beyond the claim
+``few``         10 to 40 readings, one an attitude: share of wrong fits that only ``few-samples`` limits, and expected
+``shrunk``      short turns of uncorrected sensors: number of fits with shrinkage, and their errors
+``doubt``       residuals in runs of rejected readings, in rejection limits: noise near steel, and passing magnets
+``halves``      real recordings cut in two: difference of the halves' calibrations divided by its claim
 
 A refusal counts with the fit that it contains. The recordings of ``halves`` are those of `benchmarks.recordings`.
 `benchmarks.windows` has smaller parts, and the recordings of one board.

@@ -7,8 +7,7 @@
             of four motors that are compensated one by one, and with meters that are noisy, slow, or coarse
 ``bench``   the same of P for a sensor at rest
 ``flight``  three compasses of a drone, with every other block of 5 s left out of the fit: spread of the field strength
-in
-            these blocks, also without the last 10 s, in which the drone is upside down and its motors use 22 to 25 A
+            in these blocks, also without the last 10 s, in which the drone is upside down with motors at 22 to 25 A
 ``onboard`` its external compass compared with the onboard calibration, in the air: blocks of 5 s, and offsets
 
 The recording for ``flight`` and ``onboard`` is found by `benchmarks.recordings`. 200 trials take about ten minutes on
