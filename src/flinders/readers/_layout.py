@@ -314,7 +314,7 @@ def _spare_columns(rows: Sequence[Sequence[str]], field: Sequence[int]) -> froze
 
 
 def _first_numbers(best: Cut, places: Sequence[int], width: int, texts: Sequence[str]) -> tuple[Floats, list[Clock]]:
-    """Numbers of the first rows, with seconds in place of times that are not numeric, and the clocks of these times."""
+    """Numbers of the first rows, and the clocks of their times; a time that is text is in seconds."""
     some = places[:SAMPLED_ROWS]
     values = np.array([best.values[place][:width] for place in some], dtype=float)
     return values, _clocks(texts, [best.rows[place] for place in some], values, best.signs[0])

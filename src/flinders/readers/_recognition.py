@@ -173,7 +173,7 @@ def names_columns(lines: list[str]) -> bool:
 
 
 def rows_of_table(lines: list[str], flat: str | None = None) -> Cells | None:
-    """Dialect for the rows of a table after time stamps; three unnamed columns are x, y, z, two are those of `flat`."""
+    """Dialect of a table's rows after time stamps. Unnamed columns are x, y, z if three, and the axes `flat` if two."""
     try:
         layout = recognise_table("", lines, flat=flat)
     except FlindersError:

@@ -193,7 +193,7 @@ class UpTo(io.FileIO):
         return super().readinto(memoryview(buffer)[: max(self._size - self.tell(), 0)])
 
     def readall(self) -> bytes:
-        """Read the rest, up to the size at opening."""
+        """Read the rest, up to the size that the file had when it was opened."""
         return super().read(max(self._size - self.tell(), 0)) or b""
 
 

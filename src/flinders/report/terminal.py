@@ -177,7 +177,7 @@ def braille(dots: NDArray[np.bool_]) -> list[str]:
 
 
 def letters(dots: NDArray[np.bool_]) -> list[str]:
-    """Lines of dots, colons and hashes, for few, some and many of the (4 r, 2 c) dots."""
+    """(4 r, 2 c) dots as r lines of c characters: a dot, colon or hash, for few, some or many dots in its cell."""
     counts = dots.reshape(len(dots) // 4, 4, -1, 2).sum(axis=(1, 3))
     return ["".join(" .:::####"[count] for count in row) for row in counts.tolist()]
 

@@ -150,7 +150,7 @@ class YawFilter:
         return prior[:, 0] / (prior[0, 0] + sigma**2), prior
 
     def words(self, name: str, sigma: float, noise: MeasurementNoise, *, who: str) -> str:
-        """Words for the effect of `sigma` rad of measurement noise in a program's filter, and for the actual error."""
+        """Words on the error of yaw that `who` states with a noise of `sigma` rad, and on the actual error."""
         return (
             f"{name} is {sigma:.3g} rad, {figures(math.degrees(sigma))}°: with it {who} states "
             f"{figures(self.stated_deg(sigma))}° of yaw (1 σ) on a constant heading. The calibration's error there is "
