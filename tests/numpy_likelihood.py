@@ -298,7 +298,7 @@ class _Some:
 
 @dataclass(frozen=True, eq=False)
 class _Posterior:
-    """Normal equations of the readings and of the prior, linearised at an ellipsoid.
+    """Normal equations of the readings and of the prior, linearized at an ellipsoid.
 
     Attributes
     ----------

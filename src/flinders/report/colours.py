@@ -101,7 +101,7 @@ def _palette(theme: Theme) -> dict[str, str]:
 
 
 def seen_ends(share: float) -> tuple[int, int, int]:
-    """Upper ends of the classes of readings per tile: about a third of an equal share, the share, and three times it.
+    """Largest counts of the lower three classes of tiles: about ⅓, 1 and 3 times the equal share of readings.
 
     >>> seen_ends(15.6), seen_ends(0.3)
     ((5, 16, 47), (1, 2, 3))

@@ -225,7 +225,7 @@ def without_repeated_steps(findings: Iterable[Finding], fit: Fit | None = None) 
 
 
 def _steps(finding: Finding) -> dict[str, Any]:
-    """Next steps of a finding, by the names of its values."""
+    """Next step and next movement that a finding advises, if it does; keys are the names of these values."""
     return {name: finding.values[name] for name in ("next_step", "next_movement") if name in finding.values}
 
 

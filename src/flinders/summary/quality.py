@@ -153,7 +153,7 @@ class DistinctReadings:
         return DistinctReadings(hashes[chosen], counts[chosen], level)._raise_level()
 
     def _raise_level(self) -> DistinctReadings:
-        """Raise the level until at most `SAMPLE_SIZE` different readings remain."""
+        """Require more leading zero bits of the hashes until at most `SAMPLE_SIZE` different readings remain."""
         hashes, counts, level = self.hashes, self.counts, self.level
         while len(hashes) > SAMPLE_SIZE:
             level += 1

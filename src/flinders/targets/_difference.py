@@ -90,7 +90,10 @@ class Difference:
         )
 
     def refuse_coarse(self, calibration: Calibration, *, lossy: bool) -> None:
-        """Raise `NotExportable` for a relative rounding error above sin 1°; with `lossy`, from 1 on."""
+        """Refuse rounding errors above sin 1° of the field strength; with `lossy`, those of the strength and above.
+
+        Raises `NotExportable`.
+        """
         strength = calibration.field_strength
         share = self.worst / strength
         if share <= math.sin(math.radians(MAX_ROUNDING_DEG)) or (lossy and share < 1):

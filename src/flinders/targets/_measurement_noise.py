@@ -169,7 +169,7 @@ class YawFilter:
 
 
 def _stated_deg(settled: tuple[Floats, Floats]) -> float:
-    """Standard deviation of the yaw in degrees that a settled filter states after a heading."""
+    """Standard deviation of yaw in degrees that a filter in its steady state claims after it has used a heading."""
     gain, prior = settled
     return math.degrees(math.sqrt((1.0 - gain[0]) * prior[0, 0]))
 

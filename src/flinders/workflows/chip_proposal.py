@@ -51,7 +51,7 @@ MAX_LISTED: Final = 6
 MAX_STRENGTHS: Final = 3
 """Largest number of strengths in a sentence; of more, only the smallest and the largest are stated."""
 RIVALS: Final = ("HMC5883L", "QMC5883L")
-"""Chips that are sold as one another; the sentence says so if only one of them explains the readings."""
+"""Two chips of which one is often sold as the other; a proposal of only one of them says so."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

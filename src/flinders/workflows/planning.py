@@ -49,7 +49,7 @@ REPEATS: Final = (1, 2, 4, 8)
 """Numbers of circles in each attitude that are tried."""
 
 MANY_REPEATS: Final = 4
-"""Number of circles in each attitude beyond which more are tried only if no level heading is within the target."""
+"""Number of circles in each attitude from which the search for a plan stops once level headings meet the target."""
 
 MAX_SECONDS: Final = 900.0
 """Duration in s beyond which no further circles are tried."""

@@ -35,7 +35,7 @@ DEGREES_OF_FREEDOM: Final = 4.0
 STUDENT_SCALE: Final = 0.8310
 """Scale at which Student's distribution is nearest to the standard normal distribution."""
 VARIANCE_FACTORS: Final = np.geomspace(1.0 / 16.0, 4.0, 7)
-"""Factors on the claimed variances of estimates that are tried."""
+"""Grid of factors on the claimed variances of the estimates, from which the best is chosen."""
 
 
 def walk_of(time_s: Floats, offset: Floats, sigma: Floats, moved: Flags | None = None) -> Walk | None:

@@ -338,7 +338,7 @@ def _by_place(printed: Sequence[_Printed], enough: float, every: Sequence[_Print
 
 
 def _may_be_axes(kind: Kind) -> bool:
-    """Whether three or four numbers of a line may be a reading by their labels: none, or one for all axes."""
+    """Whether the labels of three or four numbers allow a reading: no labels, or one label for all three axes."""
     names = kind[-len(PLAIN) :]
     others = (kind[0], "") if len(kind) == len(PLAIN) + 1 else ("",)
     if len(kind) not in (len(PLAIN), len(PLAIN) + 1) or (others[0] and meaning(others[0]).kind != TIME):
@@ -357,7 +357,7 @@ def _unit_alone(kind: Kind) -> str:
 
 
 def _alternates(values: Floats) -> bool:
-    """Whether lines of two or three sensors alternate: each resembles the next of its sensor, or has its strength."""
+    """Whether lines of two or three sensors alternate: lines of one are alike, or the strengths of sensors differ."""
     if len(values) < MIN_TURNS:
         return False
     steps = [np.nanmedian(np.abs(values[after:] - values[:-after]).sum(axis=1)) for after in (1, 2, 3)]

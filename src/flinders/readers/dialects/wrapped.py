@@ -93,7 +93,10 @@ class Hexadecimal(Dialect):
 def find_stamps(
     lines: list[str], behind: Recognise, table: Recognise, *, marked: bool = True, share: float = MIN_STAMP_SHARE
 ) -> Stamped | None:
-    """Find stamps before a share of lines; if `marked`, a `table` after them needs a separator such as ``->``."""
+    """Find time stamps before at least `share` of the lines; None with fewer.
+
+    If `marked`, a `table` after the stamps needs a separator such as ``->``.
+    """
     filled = [line for line in lines if line.strip()]
     stamps = [stamp for line in filled if (stamp := STAMP.match(line))]
     if not stamps or len(stamps) < share * len(filled):
