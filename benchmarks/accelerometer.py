@@ -1,11 +1,12 @@
-"""Truth of the claims of fits with an accelerometer, for several accelerometers and motions.
+"""Truth of the claims of fits with an accelerometer, for several accelerometers and motions. Prints Markdown.
 
     python -m benchmarks.accelerometer [--trials 100] [--paths "20 poses" …] [--processes 2]
 
-Sensors, paths and readings are those of `benchmarks.adversary`; the accelerometer measures the motion, too. Prints
-Markdown: true over claimed worst level heading error, median and 90 % (a true claim gives 1.2 and 2.1), of the
-magnetometer in its own axes, and in axes of the body with the claim on its rotation against the accelerometer;
-then the claims, and how many fits used the accelerometer and were good.
+Sensors, paths and readings are those of `benchmarks.adversary`; the accelerometer measures the motion of the hand too.
+The first columns have the ratio of the true to the claimed worst level heading error, as median and 90 % value, which
+are 1.2 and 2.1 for true claims. One ratio is for the magnetometer's own axes. The other is for axes of the body, where
+the claim includes the rotation of the magnetometer against the accelerometer. The last columns have the claims, and the
+number of fits that used the accelerometer and were good.
 """
 
 from __future__ import annotations
@@ -47,19 +48,19 @@ if TYPE_CHECKING:
     from flinders.core.samples import Samples
 
 GRAVITY, NOISE, STEP_S = 9.81, 0.05, 1.0 / (STEPS_PER_READING * RATE_HZ)
-"""Gravity and noise of the accelerometer in m/s², and the fine step in s."""
+"""Gravity and noise of the accelerometer in m/s², and the step of the simulated motion in s."""
 
 
 @dataclass(frozen=True, slots=True)
 class Accelerometer:
-    """Errors of gain (share), axes (rad) and bias (m/s²), each of random sign or direction."""
+    """Errors of gain (fraction of 1), axes (rad) and bias (m/s²), each with a random sign or direction."""
 
     gain: float = 0.0
     skew: float = 0.0
     bias: float = 0.0
 
     def read(self, rng: Generator, force: Floats) -> Floats:
-        """(N, 3) readings of a force, with noise, m/s²."""
+        """(N, 3) noisy readings of a specific force, m/s²."""
         mixed = rng.normal(0.0, 0.5 * self.skew, (3, 3))
         gains = np.eye(3) + np.diag(rng.choice([-self.gain, self.gain], 3)) + np.triu(mixed, 1) + np.triu(mixed, 1).T
         aside = rng.standard_normal(3)
@@ -74,19 +75,19 @@ ACCELEROMETERS: Final = {
 
 
 def poses(rng: Generator, count: int) -> Path:
-    """Path with still poses of half a second, as in a survey."""
+    """Path of a sensor that is held still in a number of poses for half a second each, as in a survey."""
     attitudes = np.repeat(np.stack([anywhere(rng) for _ in range(count)]), 25 * STEPS_PER_READING, axis=0)
     return _path(attitudes, np.zeros((len(attitudes), 3)))
 
 
 def still(rng: Generator, of: Callable[[Generator], Path]) -> Path:
-    """Path with the same rotations but without translation."""
+    """Path with the rotations of another one, but without translation."""
     path = of(rng)
     return replace(path, places=np.zeros_like(path.places))
 
 
 def driven(rng: Generator, speed: float) -> Path:
-    """Path of a vehicle on rough ground for two minutes, tilted by 12° (rms), turning to and fro at constant speed."""
+    """Path of a vehicle that turns to and fro on rough ground for two minutes, with a tilt of 12° rms."""
     steps = round(120.0 / STEP_S)
     yaw = np.cumsum(0.5 * smooth(rng, steps, STEP_S, 2.0, 1)[:, 0]) * STEP_S
     leaning = about(np.column_stack([0.2 * smooth(rng, steps, STEP_S, 1.0, 2), np.zeros(steps)]))
@@ -113,7 +114,7 @@ MOVED: Final[dict[str, Callable[[Generator], Path]]] = {
 
 
 def readings(seed: int, path: Path, accelerometer: Accelerometer) -> Samples:
-    """Recording of both sensors."""
+    """Recording of the magnetometer and the accelerometer on a path."""
     moved = np.gradient(np.gradient(path.places, STEP_S, axis=0), STEP_S, axis=0)
     force = np.einsum("mji,mj->mi", path.attitudes, moved - [0.0, 0.0, GRAVITY])[::STEPS_PER_READING]
     felt = accelerometer.read(stream(seed, "accelerometer"), force)
@@ -122,7 +123,7 @@ def readings(seed: int, path: Path, accelerometer: Accelerometer) -> Samples:
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """Claimed and true worst level heading errors, degrees, in the sensor's own axes and in those of the body."""
+    """Claimed and true worst level heading error in degrees, in the sensor's own axes and in those of the body."""
 
     own: tuple[float, float]
     body: tuple[float, float]
@@ -155,7 +156,7 @@ def tried(case: tuple[str, str, int]) -> Trial | None:
 
 
 def row(name: str, kind: str, trials: Sequence[Trial | None]) -> str:
-    """A row of the table."""
+    """Row of the table."""
     fitted = [trial for trial in trials if trial is not None]
     own, body = (np.array([getattr(trial, axes) for trial in fitted]).T for axes in ("own", "body"))
     ratios = [
@@ -167,7 +168,7 @@ def row(name: str, kind: str, trials: Sequence[Trial | None]) -> str:
 
 
 def table(paths: Sequence[str], trials: int, processes: int) -> Iterator[str]:
-    """A row for each motion and accelerometer."""
+    """Yield a row for each motion and accelerometer."""
     yield "| motion | accelerometer | own axes | body | claim, own axes | claim, body | used | good |"
     yield "|---|---|---|---|---:|---:|---:|---:|"
     with ProcessPoolExecutor(processes) as pool:

@@ -1,14 +1,14 @@
-"""Accuracy against the Cramér–Rao bound: a table of data sets × noise, as Markdown.
+"""Accuracy compared with the Cramér–Rao bound: a table of data sets and noises, as Markdown.
 
     python -m benchmarks.accuracy [--trials 400] [--sets S1,S2] [--sigma 0.1,0.5,2] [--method auto]
         [--option NAME=VALUE] [--processes 2]
 
 For each row, over the trials that did not fail:
 
-bound, rms    root mean square angle error, degrees: the smallest possible one, and the measured one (on S7 the
-                            heading error of a level turn, without a bound here)
-efficiency    bound ÷ rms: 1 is perfect; over 400 trials it scatters by 1.4 %, on S4 and one hemisphere by 3 %
-weighted      squared error of all nine parameters, weighted with the bound's information, over 9: 1 is perfect
+bound, rms    root mean square angle error in degrees: the smallest possible one, and the measured one (for S7 the
+              heading error of a level turn, which has no bound here)
+efficiency    bound ÷ rms; 1 is perfect. Over 400 trials it scatters by 1.4 %, for S4 and one hemisphere by 3 %
+weighted      squared error of all nine parameters, weighted by the information of the bound, over 9; 1 is perfect
 failed        no calibration, or one with an error of more than 20°, or of more than a field strength in the offset
 refused       a `FitError` was raised, with or without a fit
 """
@@ -48,7 +48,7 @@ COLUMNS: Final = ("σ µT", "bound °", "rms °", "efficiency", "weighted", "fai
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Answer:
-    """Answer of an estimator: matrix (3, 3) and offset (3,) in µT, or neither; and whether it refuses."""
+    """Result of an estimator: (3, 3) matrix and (3,) offset in µT, or None for both; and whether it was refused."""
 
     matrix: Floats | None
     offset: Floats | None
@@ -57,7 +57,7 @@ class Answer:
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """One trial: angles in degrees, the weighted squared error over 9; NaN error where it failed."""
+    """Errors of one trial: angles in degrees, and the weighted squared error over 9; NaN for a failed trial."""
 
     bound_deg: float
     error_deg: float
@@ -66,7 +66,7 @@ class Score:
 
     @property
     def failed(self) -> bool:
-        """Whether the calibration is missing or beyond the limits."""
+        """Whether there is no calibration, or one with an error beyond the limits."""
         return math.isnan(self.error_deg)
 
 
@@ -74,7 +74,7 @@ Estimator = Callable[["Simulated"], Answer]
 
 
 def fitted(recording: Simulated, *, method: str | Method) -> Answer:
-    """Return the answer of `flinders.fit` with a known field strength."""
+    """Result of `flinders.fit` with a known field strength."""
     try:
         fit = flinders.fit(recording.samples.field, method=method, site=flinders.Site(strength=FIELD_STRENGTH))
     except Refused as refusal:
@@ -103,7 +103,7 @@ def score(estimator: Estimator, name: str, sigma: float, trial: int) -> Score:
 
 
 def row(name: str, sigma: float, scores: Sequence[Score]) -> str:
-    """Write one row of the table."""
+    """One row of the table."""
     good = [one for one in scores if not one.failed]
     least = _root_mean_square([one.bound_deg for one in good])
     found = _root_mean_square([one.error_deg for one in good])

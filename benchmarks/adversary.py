@@ -1,18 +1,18 @@
-"""Effects outside the model of an ellipsoid, and how often a good verdict is wrong with them.
+"""Effects that no ellipsoid models, and how often a good verdict is wrong because of them.
 
     python -m benchmarks.adversary [--trials 40] [--effects "cubic axis 4 µT" …] [--paths tumble …] [--processes 2]
 
-A sensor in a hand is turned along a path; its readings contain the field at the place, iron and currents on the body,
-and faults of the sensor. The code is independent of `flinders.simulate`, so that both cannot have the same mistake.
+A sensor in a hand is turned along a path. Its readings contain the field at the place, iron and currents on the body,
+and faults of the sensor. The code is independent of `flinders.simulate`, so that both cannot contain the same mistake.
 Prints Markdown.
 
 A fit is *wrong* if its worst level heading error is above 1° and above twice the claim. The number in brackets is the
-expectation for true claims: the same count for errors drawn from the claim, that is its covariance and, for structure
-over direction, harmonics of each axis.
-*Ratio* is the true over the claimed worst level heading error of good fits: 1.2 in the median and 2.1 at 90 % for true
-claims. *Cautious* is the share of fits that are not good although their error is within half the target.
+number to expect for true claims: it counts errors that are drawn from the claim, which consists of the covariance and,
+for structure over direction, of harmonics of each axis. *Ratio* is the true divided by the claimed worst level heading
+error of good fits; for true claims its median is 1.2 and its 90 % value 2.1. *Cautious* is the share of fits that are
+not good although their error is within half the target.
 
-``--felt`` records an accelerometer, too, and counts fits with the finding `attitude-dependent`.
+With ``--felt`` an accelerometer is recorded too, and fits with the finding `attitude-dependent` are counted.
 """
 
 from __future__ import annotations
@@ -48,16 +48,16 @@ NOISE_UT: Final = 0.2
 GRAVITY: Final = 9.81
 RATE_HZ: Final = 50.0
 STEPS_PER_READING: Final = 4
-"""Steps of the path per reading, so that an axis can lag by less than one reading."""
+"""Steps of the path per reading; an axis can lag by a part of a reading."""
 HEADINGS: Final = np.radians(np.arange(0.0, 360.0, 5.0))
 DRAWS: Final = 200
-"""Number of errors drawn from a covariance."""
+"""Number of errors that are drawn from a covariance."""
 NORTH_DOWN: Final = STRENGTH_UT * np.array([np.cos(np.radians(DIP_DEG)), 0.0, np.sin(np.radians(DIP_DEG))])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Path:
-    """Motion of a sensor in fine steps: time (M,) s, attitudes (M, 3, 3) from body to world, and places (M, 3) m."""
+    """Motion of a sensor in small steps: (M,) times in s, (M, 3, 3) attitudes from body to world, (M, 3) m places."""
 
     time: Floats
     attitudes: Floats
@@ -66,41 +66,41 @@ class Path:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sensor:
-    """A sensor on its body: ``reading = iron @ field + offset``, before errors of its axes."""
+    """A sensor on its body: ``reading = iron @ field + offset``, before the errors of its axes."""
 
     iron: Floats
     offset: Floats
 
 
 Field = Callable[["Generator", Path], "Floats"]
-"""(M, 3) µT in world axes or body axes, added to the field."""
+"""Function that returns (M, 3) µT along a path, to be added to the field in axes of the world or of the body."""
 Rows = Callable[["Generator", "Floats"], "Floats"]
-"""Function that changes readings (N, 3) µT."""
+"""Function that returns changed readings, (N, 3) µT."""
 
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """An effect in a recording.
+    """An effect on the readings of a recording.
 
     Attributes
     ----------
     place, body : Field, optional
-        Field of the place, in world axes; field added to the readings, in the sensor's axes.
+        Field at the place, in axes of the world; field that the body adds, in axes of the sensor.
     axes : Rows, optional
-        Change of readings without their offset by the axes.
+        Change by the axes of the sensor, for readings without offset.
     lags : of Generator to (3,) s, optional
         Lag of each axis.
     rest : Rows, optional
-        Change of readings without their offset by rests.
+        Change by rests, for readings without offset.
     log : Rows, optional
         Change of the rows of the log.
     noise : float, µT
     is_timed : bool
         Whether the log has times.
     seen : bool
-        Whether a single recording shows the effect.
+        Whether a single recording can show the effect.
     linearize : bool
-        Whether the fit corrects the effect.
+        Whether the fit corrects nonlinear axes.
     """
 
     place: Field | None = None
@@ -117,7 +117,7 @@ class Effect:
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """One fit and the truth, degrees; `expected` is the probability that a true claim looks wrong."""
+    """One fit compared with the truth, in degrees; `expected` is the probability that a true claim looks wrong."""
 
     verdict: str
     codes: tuple[str, ...] = ()
@@ -128,12 +128,12 @@ class Trial:
 
     @property
     def is_wrong(self) -> bool:
-        """Whether the verdict is good and the error far beyond the claim."""
+        """Whether the verdict is good although the error is far beyond the claim."""
         return self.verdict == "good" and self.true > max(TARGET_DEG, 2.0 * self.claimed)
 
 
 def smooth(rng: Generator, steps: int, step_s: float, time_s: float, columns: int = 3) -> Floats:
-    """(steps, columns) smooth random series of unit variance: white noise through two low-pass filters."""
+    """(steps, columns) smooth random series of unit variance: white noise after two low-pass filters."""
     keep = float(np.exp(-step_s / time_s))
     warm = int(10 * time_s / step_s)
     course, first, second = np.empty((steps + warm, columns)), np.zeros(columns), np.zeros(columns)
@@ -147,7 +147,7 @@ def smooth(rng: Generator, steps: int, step_s: float, time_s: float, columns: in
 
 
 def about(vectors: Floats) -> Floats:
-    """(M, 3, 3) rotations by vectors (M, 3), rad: Rodrigues' formula."""
+    """(M, 3, 3) rotations by (M, 3) rotation vectors in rad, with Rodrigues' formula."""
     angle = np.linalg.norm(vectors, axis=1)[:, None, None]
     x, y, z = (vectors / np.maximum(angle[:, :, 0], 1e-12)).T
     zero = np.zeros_like(x)
@@ -157,7 +157,7 @@ def about(vectors: Floats) -> Floats:
 
 
 def chained(steps: Floats, first: Floats) -> Floats:
-    """(M, 3, 3) attitudes from `first` on, each turned by the next of `steps` (M, 3, 3) about body axes."""
+    """(M, 3, 3) attitudes from `first` on; each is turned by the next of (M, 3, 3) `steps`, about body axes."""
     attitudes, attitude = np.empty_like(steps), first
     for row, step in enumerate(steps):
         attitude = attitude @ step
@@ -166,7 +166,7 @@ def chained(steps: Floats, first: Floats) -> Floats:
 
 
 def anywhere(rng: Generator) -> Floats:
-    """(3, 3) a random attitude."""
+    """(3, 3) random attitude."""
     q, r = np.linalg.qr(rng.standard_normal((3, 3)))
     q = q * np.sign(np.diag(r))
     turned: Floats = q * np.linalg.det(q)
@@ -174,26 +174,26 @@ def anywhere(rng: Generator) -> Floats:
 
 
 def held(rng: Generator, attitudes: Floats, step_s: float) -> Floats:
-    """(M, 3) places of a sensor in a hand: the hand drifts by 8 cm, and the sensor is 10 cm from the wrist."""
+    """(M, 3) places of a sensor in a hand: the hand drifts by 8 cm, the sensor is 10 cm away from the wrist."""
     hand = 0.08 * smooth(rng, len(attitudes), step_s, 1.5)
     places: Floats = hand + attitudes @ np.array([0.1, 0.0, 0.0])
     return places
 
 
 def turned(rng: Generator, rates: Floats, step_s: float) -> Path:
-    """A path with rates (M, 3) rad/s about the body's axes."""
+    """Path of a body that turns at (M, 3) rates in rad/s, about its own axes."""
     attitudes = chained(about(rates * step_s), anywhere(rng))
     return Path(step_s * np.arange(len(rates)), attitudes, held(rng, attitudes, step_s))
 
 
 def tumble(rng: Generator, seconds: float = 60.0, rate: float = 1.8) -> Path:
-    """Path of a hand that turns about all axes at about 100° a second."""
+    """Path of a hand that turns about all axes at about 100°/s."""
     step_s = 1.0 / (STEPS_PER_READING * RATE_HZ)
     return turned(rng, rate * smooth(rng, round(seconds / step_s), step_s, 0.6), step_s)
 
 
 def eights(rng: Generator, seconds: float = 60.0) -> Path:
-    """Figures of eight: the wrist rocks about two axes while the body turns about the vertical."""
+    """Path of figures of eight: the wrist rocks about two axes while the body turns about the vertical."""
     step_s = 1.0 / (STEPS_PER_READING * RATE_HZ)
     time = step_s * np.arange(round(seconds / step_s))
     phase, period = rng.uniform(0.0, 2 * np.pi, 3), rng.uniform(2.5, 3.5)
@@ -210,7 +210,7 @@ def eights(rng: Generator, seconds: float = 60.0) -> Path:
 
 
 def axis_by_axis(rng: Generator) -> Path:
-    """Path of three full turns about each axis in turn, while the others drift."""
+    """Path of three full turns about each axis, one axis after the other, with a drift about the others."""
     step_s = 1.0 / (STEPS_PER_READING * RATE_HZ)
     each = round(20.0 / step_s)
     rates = 0.25 * smooth(rng, 3 * each, step_s, 1.0)
@@ -229,7 +229,7 @@ PATHS: Final[dict[str, Callable[[Generator], Path]]] = {
 
 
 def remembering(rng: Generator, path: Path, *, sigma: float, time_s: float) -> Floats:
-    """An Ornstein–Uhlenbeck process for each axis."""
+    """Ornstein–Uhlenbeck noise of each axis, (M, 3) µT."""
     keep = float(np.exp(-(path.time[1] - path.time[0]) / time_s))
     course, value = np.empty((len(path.time), 3)), rng.standard_normal(3)
     for row, push in enumerate(np.sqrt(1.0 - keep * keep) * rng.standard_normal(course.shape)):
@@ -240,12 +240,12 @@ def remembering(rng: Generator, path: Path, *, sigma: float, time_s: float) -> F
 
 
 def lasting(rng: Generator, path: Path, *, sigma: float) -> Floats:
-    """Ornstein–Uhlenbeck noise with a time constant of 1 to 30 s."""
+    """Ornstein–Uhlenbeck noise with a time constant between 1 and 30 s, (M, 3) µT."""
     return remembering(rng, path, sigma=sigma, time_s=float(np.exp(rng.uniform(0.0, np.log(30.0)))))
 
 
 def gradient(rng: Generator, path: Path, *, per_metre: float) -> Floats:
-    """Source-free field with a constant gradient, a symmetric and traceless matrix."""
+    """Field with a constant gradient and without sources: the gradient is a symmetric matrix with trace 0."""
     tensor = rng.standard_normal((3, 3))
     tensor = tensor + tensor.T - 2.0 * np.trace(tensor) / 3.0 * np.eye(3)
     grown: Floats = path.places @ (per_metre * tensor / np.linalg.norm(tensor))
@@ -253,7 +253,7 @@ def gradient(rng: Generator, path: Path, *, per_metre: float) -> Floats:
 
 
 def desk(rng: Generator, path: Path, *, rms: float) -> Floats:
-    """Field of steel below the hand: a dipole half a metre down, along the magnetising field."""
+    """Field of steel below the hand: a dipole half a metre below, along the field that magnetises it."""
     from_it = path.places - np.array([*rng.uniform(-0.2, 0.2, 2), 0.5])
     distance = np.linalg.norm(from_it, axis=1)[:, None]
     along = from_it / distance
@@ -264,7 +264,7 @@ def desk(rng: Generator, path: Path, *, rms: float) -> Floats:
 
 
 def current(rng: Generator, path: Path, *, amplitude: float) -> Floats:
-    """Field of a current that steps with the attitude, such as of motors that hold a body against gravity."""
+    """Field of a current that steps with the attitude, such as that of motors which hold a body against gravity."""
     side, wire = rng.standard_normal((2, 3))
     down = path.attitudes[:, 2] @ side / np.linalg.norm(side)
     field: Floats = np.round(2.0 * down)[:, None] / 2.0 * amplitude * wire / np.linalg.norm(wire)
@@ -280,7 +280,7 @@ def jump(rng: Generator, path: Path, *, by: float) -> Floats:
 
 
 def drift(rng: Generator, path: Path, *, by: float) -> Floats:
-    """Offset that follows a temperature, which rises and then stays constant."""
+    """Offset that follows a temperature; the temperature rises and then stays constant."""
     along = rng.standard_normal(3)
     rise = 1.0 - np.exp(-path.time / (0.3 * path.time[-1]))
     field: Floats = rise[:, None] * by * along / np.linalg.norm(along)
@@ -288,7 +288,7 @@ def drift(rng: Generator, path: Path, *, by: float) -> Floats:
 
 
 def passing(rng: Generator, path: Path, *, peak: float) -> Floats:
-    """Field of a passing magnet: a dipole on a straight line."""
+    """Field of a magnet that passes: a dipole on a straight line."""
     direction = rng.standard_normal(3)
     at = rng.uniform(0.2, 0.8) * path.time[-1]
     course = peak * (1.0 + ((path.time - at) / 0.7) ** 2) ** -1.5
@@ -297,7 +297,7 @@ def passing(rng: Generator, path: Path, *, peak: float) -> Floats:
 
 
 def switching(rng: Generator, path: Path, *, amplitude: float) -> Floats:
-    """Field of a load that is switched on for one to three seconds at random attitudes."""
+    """Field of a load that is switched on for one to three seconds, at random attitudes."""
     course, now = np.zeros(len(path.time)), 0.0
     while now < path.time[-1]:
         now += rng.exponential(8.0)
@@ -310,7 +310,7 @@ def switching(rng: Generator, path: Path, *, amplitude: float) -> Floats:
 
 
 def bent(_: Generator, readings: Floats, *, quadratic: float = 0.0, cubic: float = 0.0) -> Floats:
-    """Readings with a nonlinear first axis; its error in µT at the strength of the field."""
+    """Readings with a nonlinear first axis; `quadratic` and `cubic` are its errors in µT at the field strength."""
     share = readings[:, :1] / STRENGTH_UT
     axis = np.array([1.0, 0.0, 0.0])
     read: Floats = readings + (quadratic * share**2 + cubic * share**3) * axis
@@ -318,7 +318,7 @@ def bent(_: Generator, readings: Floats, *, quadratic: float = 0.0, cubic: float
 
 
 def lumpy(rng: Generator, readings: Floats, *, rms: float) -> Floats:
-    """Readings whose length varies with direction by a random harmonic of degree three."""
+    """Readings whose length varies with the direction, by a random harmonic of degree three."""
     directions = readings / np.linalg.norm(readings, axis=1)[:, None]
     turn = anywhere(rng)
     x, y, z = (directions @ turn).T
@@ -328,7 +328,7 @@ def lumpy(rng: Generator, readings: Floats, *, rms: float) -> Floats:
 
 
 def warped(rng: Generator, readings: Floats, *, rms: float) -> Floats:
-    """Readings with an error of each axis by its own random harmonic of degree three."""
+    """Readings in which each axis has an error by its own random harmonic of degree three."""
     directions = readings / np.linalg.norm(readings, axis=1)[:, None]
     x, y, z = np.moveaxis(directions @ np.stack([anywhere(rng) for _ in range(3)]), 2, 0)
     read: Floats = readings + rms * np.sqrt(105.0) * (x * y * z).T
@@ -336,7 +336,7 @@ def warped(rng: Generator, readings: Floats, *, rms: float) -> Floats:
 
 
 def stale(rng: Generator, rows: Floats, *, share: float) -> Floats:
-    """Rows in which one axis repeats its last reading now and then."""
+    """Rows in which one axis sometimes repeats its previous reading."""
     rows = rows.copy()
     for row in 1 + np.flatnonzero(rng.random(len(rows) - 1) < share):
         rows[row, 0] = rows[row - 1, 0]
@@ -350,17 +350,17 @@ def shuffled(rng: Generator, rows: Floats) -> Floats:
 
 
 def tiled(rng: Generator, rows: Floats, *, distinct: int, times: int) -> Floats:
-    """Few readings, each repeated many times, not consecutively."""
+    """Few readings that are each repeated many times, but not consecutively."""
     return np.tile(rows[rng.choice(len(rows), distinct, replace=False)], (times, 1))
 
 
 def stepped(_: Generator, rows: Floats, *, step: float) -> Floats:
-    """Rows rounded to a coarse step."""
+    """Rows that are rounded to multiples of a coarse step."""
     return step * np.round(rows / step)
 
 
 def cut(rng: Generator, rows: Floats) -> Floats:
-    """Rows without a third of them, in three pieces."""
+    """Rows of which a third is missing, in three pieces."""
     lost = np.zeros(len(rows), dtype=bool)
     for begin in rng.choice(len(rows), 3, replace=False):
         lost[begin : begin + len(rows) // 9] = True
@@ -368,7 +368,7 @@ def cut(rng: Generator, rows: Floats) -> Floats:
 
 
 def rested(rng: Generator, readings: Floats, *, rests: int) -> Floats:
-    """Readings with some rests of 5 to 60 s in another field, before, within or after the turn."""
+    """Readings with some rests of 5 to 60 s in another field, before, during or after the turn."""
     for _ in range(rests):
         amid, seconds, off = int(rng.integers(len(readings))), rng.uniform(5.0, 60.0), rng.uniform(-0.2, 0.2)
         at = (0, amid, len(readings) - 1)[rng.integers(3)]
@@ -378,17 +378,17 @@ def rested(rng: Generator, readings: Floats, *, rests: int) -> Floats:
 
 
 def thinned(_: Generator, rows: Floats, *, count: int) -> Floats:
-    """Few readings, evenly over the time of the turn."""
+    """Few of the readings, evenly distributed over the time of the turn."""
     return rows[:: len(rows) // count][:count]
 
 
 def one_late(late_s: float) -> Callable[[Generator], Floats]:
-    """Return lags of which one differs from the others."""
+    """Function that returns lags of the axes, of which one differs from the others."""
     return lambda rng: late_s * np.eye(3)[rng.integers(3)]
 
 
 def all_late(rng: Generator) -> Floats:
-    """Lags of 50 ms ± 30 %."""
+    """(3,) lags of the axes: 50 ms ± 30 %."""
     lags: Floats = 0.05 * (1.0 + 0.3 * rng.standard_normal(3))
     return lags
 
@@ -440,7 +440,7 @@ EFFECTS: Final[dict[str, Effect]] = {
 
 
 def sensor(rng: Generator) -> Sensor:
-    """Random sensor: soft iron of ± 25 %, offsets of up to two field strengths."""
+    """Random sensor with soft iron of ± 25 % and an offset of up to two field strengths."""
     mixed = rng.uniform(-0.25, 0.25, (3, 3))
     iron = np.diag(rng.uniform(0.75, 1.25, 3)) + 0.3 * (mixed + mixed.T)
     direction = rng.standard_normal(3)
@@ -448,7 +448,7 @@ def sensor(rng: Generator) -> Sensor:
 
 
 def recorded(seed: int, of: Sensor, effect: Effect, path: Path, *, place: int = 0) -> Samples:
-    """Recording of a sensor on a path, at the first place or at another."""
+    """Recording of a sensor on a path, at the first place or at another one."""
     field = NORTH_DOWN + (0.0 if effect.place is None else effect.place(stream(seed, f"place {place}"), path))
     inside = np.einsum("mji,mj->mi", path.attitudes, np.broadcast_to(field, path.places.shape))
     readings = inside @ of.iron
@@ -469,19 +469,19 @@ def recorded(seed: int, of: Sensor, effect: Effect, path: Path, *, place: int = 
 
 
 def felt(samples: Samples, seed: int, path: Path) -> Samples:
-    """Recording with an accelerometer, which measures the motion of the hand, too, with noise of 0.05 m/s²."""
+    """Recording with an accelerometer, which measures the motion of the hand too, with noise of 0.05 m/s²."""
     moved = np.gradient(np.gradient(path.places, path.time, axis=0), path.time, axis=0) - [0.0, 0.0, GRAVITY]
     force = np.einsum("mji,mj->mi", path.attitudes, moved)[::STEPS_PER_READING]
     return replace(samples, acceleration=force + 0.05 * stream(seed, "felt").standard_normal(force.shape))
 
 
 def stream(seed: int, what: str) -> Generator:
-    """Random numbers for one purpose of a trial, independent of other draws."""
+    """Random numbers for one purpose of a trial, independent of those for other purposes."""
     return np.random.default_rng([SEED, seed, *what.encode()])
 
 
 def level_field() -> Floats:
-    """(72, 3) directions of the field in the axes of a level body at each of `HEADINGS`."""
+    """(72, 3) directions of the field in the axes of a level body, one for each of `HEADINGS`."""
     dip = np.radians(DIP_DEG)
     return np.stack(
         [np.cos(dip) * np.cos(HEADINGS), -np.cos(dip) * np.sin(HEADINGS), np.full_like(HEADINGS, np.sin(dip))], axis=1
@@ -489,14 +489,14 @@ def level_field() -> Floats:
 
 
 def level(seed: int, of: Sensor, effect: Effect) -> Floats:
-    """(72, 3) readings without noise of the sensor on a level body at each of `HEADINGS`."""
+    """(72, 3) readings without noise of a sensor on a level body, one for each of `HEADINGS`."""
     readings: Floats = STRENGTH_UT * level_field() @ of.iron
     readings = readings if effect.axes is None else effect.axes(stream(seed, "axes"), readings)
     return readings + of.offset
 
 
 def headings(corrected: Floats) -> Floats:
-    """(…, 72) heading errors of level readings (…, 72, 3), degrees, their mean removed."""
+    """(…, 72) heading errors in degrees of (…, 72, 3) level readings, minus their mean."""
     error = np.angle(np.exp(1j * (np.arctan2(-corrected[..., 1], corrected[..., 0]) - HEADINGS)))
     mean = np.angle(np.exp(1j * error).mean(axis=-1, keepdims=True))
     off: Floats = np.degrees(np.angle(np.exp(1j * (error - mean))))
@@ -504,7 +504,7 @@ def headings(corrected: Floats) -> Floats:
 
 
 def turned_by(off: Floats) -> Floats:
-    """(D, 72) errors of heading, degrees, their mean removed, of errors (D, 72, 3) of the level field's direction."""
+    """(D, 72) heading errors in degrees, minus their mean, for (D, 72, 3) errors of the level field's direction."""
     turns = np.degrees(
         -(np.sin(HEADINGS) * off[:, :, 0] + np.cos(HEADINGS) * off[:, :, 1]) / np.cos(np.radians(DIP_DEG))
     )
@@ -513,20 +513,20 @@ def turned_by(off: Floats) -> Floats:
 
 
 def of_unit_worst(turns: Floats) -> Floats:
-    """(D, 72) errors of heading, scaled to a root mean square of 1 at the worst heading."""
+    """(D, 72) heading errors, scaled so that their root mean square at the worst heading is 1."""
     scaled: Floats = turns / max(np.sqrt(np.mean(turns**2, axis=0)).max(), 1e-12)
     return scaled
 
 
 @cache
 def of_structure() -> Floats:
-    """(`DRAWS`, 72) errors of heading by a harmonic of degree three of each axis."""
+    """(`DRAWS`, 72) heading errors by a harmonic of degree three for each axis."""
     rng, field = np.random.default_rng(SEED), level_field()
     return of_unit_worst(turned_by(np.stack([warped(rng, field, rms=1.0) - field for _ in range(DRAWS)])))
 
 
 def of_parameters(fit: Fit) -> Floats:
-    """(`DRAWS`, 72) errors of heading drawn from the covariance of the fit."""
+    """(`DRAWS`, 72) heading errors that are drawn from the covariance of a fit."""
     iron = fit.calibration.field_strength * np.linalg.inv(fit.calibration.matrix)
     values, vectors = np.linalg.eigh(fit.claim.covariance)
     errors = np.random.default_rng(SEED).standard_normal((DRAWS, 9)) @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
@@ -536,7 +536,7 @@ def of_parameters(fit: Fit) -> Floats:
 
 
 def probability(fit: Fit) -> float:
-    """Probability that a true claim counts as wrong, from errors drawn from the claim."""
+    """Probability that a true claim counts as wrong, by errors that are drawn from the claim."""
     worst, structure = fit.heading_error_deg.worst, fit.claim.structure_deg
     if not (np.isfinite(worst) and np.isfinite(fit.claim.covariance).all()):
         return 0.0
@@ -546,7 +546,7 @@ def probability(fit: Fit) -> float:
 
 
 def fitted(source: Recording, *, linearize: bool = False) -> Fit | None:
-    """Fit of a recording, also a refused one; None without a fit."""
+    """Fit of a recording, even a refused one; None if there is no fit."""
     try:
         return flinders.fit(source, target_deg=TARGET_DEG, linearize=linearize)
     except Refused as refusal:
@@ -556,7 +556,7 @@ def fitted(source: Recording, *, linearize: bool = False) -> Fit | None:
 
 
 def tried(row: tuple[str, int], seed: int, paths: Sequence[Path]) -> Trial:
-    """Result of one trial of an effect, with a recording at each of some places."""
+    """Trial of an effect, with a recording at each of some places."""
     name, places = row
     effect, of = EFFECTS[name], sensor(stream(seed, "sensor"))
     each = [recorded(seed, of, effect, path, place=place) for place, path in enumerate(paths[:places])]
@@ -569,7 +569,7 @@ def tried(row: tuple[str, int], seed: int, paths: Sequence[Path]) -> Trial:
 
 
 def tried_on(case: tuple[str, int], *, rows: Sequence[tuple[str, int]]) -> list[Trial]:
-    """Trials of all rows of the table with one seed, which share paths, as these take longer than fits."""
+    """Trials of all rows of the table with one seed. They share paths, since paths take longer than fits."""
     path, seed = case
     places = range(max(places for _, places in rows))
     paths = [PATHS[path](stream(seed, f"path {place}")) for place in places]
@@ -608,11 +608,11 @@ def row(name: str, trials: Sequence[Trial]) -> str:
 
 
 UNRELATED_FINDINGS: Final = frozenset({"rotation-unknown", "scale-unknown", "correlated", "stale-repeats"})
-"""Findings that do not concern an effect."""
+"""Findings that are not about an effect."""
 
 
 def table(effects: Sequence[str], paths: Sequence[str], trials: int, processes: int) -> Iterator[str]:
-    """Yield a row for each effect; an effect that no single recording shows has another, with a second place."""
+    """Yield a row for each effect; for an effect that no single recording shows, a second row with a second place."""
     rows = [(name, places) for name in effects for places in ((1,) if EFFECTS[name].seen else (1, 2))]
     with ProcessPoolExecutor(processes) as pool:
         each = list(pool.map(partial(tried_on, rows=rows), cases_of(paths, trials)))
@@ -622,12 +622,12 @@ def table(effects: Sequence[str], paths: Sequence[str], trials: int, processes: 
 
 
 def cases_of(paths: Sequence[str], trials: int) -> list[tuple[str, int]]:
-    """Paths with seeds, `trials` in all."""
+    """Paths with seeds, `trials` cases altogether."""
     return list(product(paths, range(-(-trials // len(paths)))))
 
 
 def felt_table(effects: Sequence[str], paths: Sequence[str], trials: int, processes: int) -> Iterator[str]:
-    """Yield the number of recordings with the finding `attitude-dependent` for each effect, by path."""
+    """Yield for each effect the number of recordings with the finding `attitude-dependent`, by path."""
     yield "| effect | recordings | " + " | ".join(paths) + " |\n|---|---:|" + "---:|" * len(paths)
     with ProcessPoolExecutor(processes) as pool:
         for name in effects:

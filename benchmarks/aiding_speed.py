@@ -2,8 +2,8 @@
 
     python -m benchmarks.aiding_speed [--readings 50000] [--motions drive …] [--repeats 1]
 
-Attitudes are the true ones with independent errors of a degree about each axis; "a magnet passes" is a field of up to
-100 µT for a part of the recording. The time is that of the process, on one thread of BLAS, the shortest of the repeats.
+Attitudes are the true ones with independent errors of 1° about each axis. "A magnet passes" is a field of up to 100 µT
+during a part of the recording. The time is the processor time with one thread of BLAS, the shortest of the repeats.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def recording(motion: str, disturbances: Sequence[Perturbation], readings: int) 
 
 
 def fit_seconds(samples: Samples, aiding: str, repeats: int) -> float:
-    """Processor time of a fit, the shortest of some."""
+    """Shortest processor time in s of several fits."""
     times = []
     for _ in range(repeats):
         begun = process_time()

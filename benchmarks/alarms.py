@@ -1,11 +1,11 @@
-"""Alarms of the live page while a recording grows, and whether the final state confirms them. Prints Markdown.
+"""Alarms of the live page while a recording grows, and whether its final state confirms them. Prints Markdown.
 
     python -m benchmarks.alarms                  # recordings of the shared data, and sensors that lie still
     python -m benchmarks.alarms "lies still"     # one of them
 
-Each recording is played into a session of the page, under Node.js, in steps of half a second, with a fit after each. An
-alarm is a state with the phase *wrong*; it is confirmed if the final phase is *wrong*, too. Recordings without an alarm
-have no row.
+Each recording is played into a session of the page, under Node.js, in steps of half a second, with a fit after each
+step. An alarm is a state with the phase *wrong*. It is confirmed if the phase at the end is *wrong* too. Recordings
+without an alarm have no row.
 """
 
 from __future__ import annotations
@@ -34,15 +34,15 @@ if TYPE_CHECKING:
 
 STEP_S: Final = 0.5
 MAX_RECORDING_S: Final = 180.0
-"""Longest part of a recording to play; later states repeat earlier ones."""
+"""Longest part of a recording, in s, that is played; later states repeat earlier ones."""
 RATE_HZ: Final = 50.0
-"""Rate of recordings without times."""
+"""Rate that is assumed for recordings without times."""
 FINAL_PHASES: Final = {"good", "limited"}
 
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """State of the page at a time: phase, codes of warnings, and sentence."""
+    """State of the page at a time in s: phase, codes of warnings, and sentence."""
 
     at: float
     phase: str
@@ -51,7 +51,7 @@ class State:
 
 
 def states(samples: Samples) -> Iterator[State]:
-    """Yield states of the page while a recording grows, and after its end."""
+    """Yield the states of the page while a recording grows and after its end."""
     session = PageSession(SourceState("the recording", "replay", "connected", ""))
     time = np.arange(len(samples)) / RATE_HZ if samples.time is None else samples.time - samples.time[0]
     rows = rows_of(replace(samples, time=time))
@@ -69,7 +69,7 @@ def states(samples: Samples) -> Iterator[State]:
 
 
 def _state(session: PageSession) -> State:
-    """State of the page for a session."""
+    """State of the page that shows a session."""
     shown = session.state
     return State(session.at, shown.phase, tuple(warnings(shown.reasons)), shown.words)
 
@@ -88,7 +88,7 @@ def row(name: str, said: list[State]) -> str | None:
 
 
 def still(seed: int, *, quantum: float = 0.0, then_turned: bool = False) -> Samples:
-    """Recording of a sensor at rest for 30 s, with noise of 0.5 µT, and then turned if wanted."""
+    """Recording of a sensor that lies still for 30 s, with noise of 0.5 µT, and is then turned if `then_turned`."""
     rng = np.random.default_rng(seed)
     field = np.array([22.0, -8.0, 41.0]) + rng.normal(scale=0.5, size=(1500, 3))
     if then_turned:
@@ -107,7 +107,7 @@ STILL_SENSORS: Final[dict[str, Callable[[], Samples]]] = {
 
 
 def of_recording(name: str) -> str | None:
-    """Row of a recording, or of a sensor at rest."""
+    """Row of a recording, or of a sensor that lies still."""
     samples = STILL_SENSORS[name]() if name in STILL_SENSORS else flinders.read(FOLDER / name)
     return row(name, list(states(samples)))
 

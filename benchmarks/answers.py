@@ -1,15 +1,15 @@
-"""Whether ``flinders check`` answers truly: holds, fails or cannot tell. Markdown.
+"""Whether the answers of ``flinders check`` are true: holds, fails or cannot tell. Prints Markdown.
 
     python -m benchmarks.answers [--trials 200] [--processes 2]
 
-A sensor is calibrated from a tumble of a minute. Offset and soft iron of that calibration are moved until a level
-heading is off by a known angle at the worst, and the calibration is checked on a recording as the row says, with
-0.5 µT of white noise and, every other time, as much noise that lasts for one to four seconds. Every other calibration
-states no uncertainty, as one that was imported. The target is 1°.
+A sensor is calibrated from a tumble of a minute. Offset and soft iron of the calibration are then changed until the
+worst level heading error has a known size, and the calibration is checked on a recording of the row. The recordings
+have 0.5 µT of white noise, and every second one as much noise with a memory of one to four seconds. Every second
+calibration states no uncertainty, like an imported one. The target is 1°.
 
-Changed calibrations have errors of 0.5° to 2°; valid ones of 0° to 0.9°, half of them 0°. A wrong answer is *holds*
-beyond the target, or *fails* within it. The last column has the median bound (95 %) of the difference for the answer
-*cannot tell*, and the bound that would have decided.
+Changed calibrations have errors of 0.5° to 2°; valid ones have errors of 0° to 0.9°, half of them 0°. An answer is
+wrong if it is *holds* beyond the target, or *fails* within it. The last column has the median 95 % bound of the
+difference for the answer *cannot tell*, and the bound that would have been small enough for a decision.
 """
 
 from __future__ import annotations
@@ -52,22 +52,22 @@ RECORDINGS: Final[dict[str, Recipe]] = {
     "drive, 5 min": {"motion": "drive", "rate_hz": 10.0},
     "level turn": {"motion": "level"},
 }
-"""Arguments of `flinders.simulate.tumble`."""
+"""Arguments of `flinders.simulate.tumble` for each row."""
 
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """A check: true error of the calibration, and the answer."""
+    """A check, with the true error of the calibration and the answer."""
 
     row: str
     off_deg: float
     answer: Answer
-    bound_deg: float = math.nan  #: bound of the difference, 95 %
-    telling_deg: float = math.nan  #: bound that would have decided
+    bound_deg: float = math.nan  #: 95 % bound of the difference
+    telling_deg: float = math.nan  #: bound with which the answer would have been a decision
 
     @property
     def is_wrong(self) -> bool:
-        """Whether the answer is *holds* beyond the target, or *fails* within."""
+        """Whether the answer is *holds* beyond the target, or *fails* within it."""
         return self.answer == ("holds" if self.off_deg > TARGET_DEG else "fails")
 
 
@@ -116,7 +116,7 @@ def checked(seed: int, off_deg: float) -> Trial:
 
 
 def recording(row: str, sensor: Sensor, rng: np.random.Generator) -> Simulated:
-    """Recording of a row, every other one with slow noise."""
+    """Recording for a row; every second one has slow noise."""
     lasting: list[GaussMarkov] = []
     if rng.random() < 0.5:
         lasting.append(simulate.GaussMarkov(sigma=0.5, seconds=rng.uniform(1.0, 4.0)))
@@ -124,7 +124,7 @@ def recording(row: str, sensor: Sensor, rng: np.random.Generator) -> Simulated:
 
 
 def moved(fit: Fit, sensor: Sensor, off_deg: float, rng: np.random.Generator) -> Fit:
-    """Calibration changed at random to a given error; at 0, the true one."""
+    """Calibration that is changed at random until it has a given error; for 0, the true calibration."""
     matrix, offset = sensor.correction
     true = fit.calibration
     truth = replace(true, matrix=matrix * (true.field_strength / 50.0), offset=offset)
@@ -146,12 +146,12 @@ def moved(fit: Fit, sensor: Sensor, off_deg: float, rng: np.random.Generator) ->
 
 
 def apart_deg(one: Calibration, other: Calibration) -> float:
-    """Largest difference of level headings, degrees."""
+    """Largest difference of level headings in degrees."""
     return compare(bare_fit(one), bare_fit(other), dip_deg=DIP_DEG).heading_difference_deg.worst
 
 
 def table(trials: Sequence[Trial]) -> Iterator[str]:
-    """Answers of each kind of recording, and of all."""
+    """Yield the answers for each kind of recording, and for all."""
     yield "| recording | holds | wrongly | fails | wrongly | cannot tell | its claim / that would tell |"
     yield "|---|---:|---:|---:|---:|---:|---:|"
     for row in RECORDINGS:

@@ -1,6 +1,6 @@
-"""Local object store with latency: one bucket, by the common part of the protocols of S3 and Google Cloud Storage.
+"""A local object store with latency: one bucket, with what the protocols of S3 and Google Cloud Storage share.
 
-Supports listing, reading of whole objects and ranges, and writing in one request, without authentication.
+It supports lists, reads of whole objects and of ranges, and writes in one request; there is no authentication.
 
 >>> from urllib.request import urlopen
 >>> with Bucket({"a/1.csv": b"x,y,z"}) as bucket:
@@ -24,17 +24,17 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 PAGE: Final = 1000
-"""Most objects in one list, as with commercial stores."""
+"""Largest number of objects in one list, as in commercial stores."""
 
 
 class Bucket:
-    """A server with a bucket, for the time of a ``with``.
+    """A server with one bucket, which runs inside a ``with`` block.
 
     Parameters
     ----------
     objects : mapping of str to bytes
         Content of each object, by name.
-    latency_s : float, s
+    Delay of each response.
         Delay of each answer.
     name : str
         Name of the bucket.
@@ -42,11 +42,11 @@ class Bucket:
     Attributes
     ----------
     objects : dict
-        Present content.
+        Content at present.
     asked, opened, most : int
-        Numbers of requests and connections so far, and the most concurrent requests.
+        Number of requests so far, number of connections so far, and largest number of concurrent requests.
     refuses : int
-        HTTP status to refuse writing with; 0 to accept it.
+        HTTP status with which writes are refused; 0 to accept them.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class Bucket:
 
     @property
     def environment(self) -> dict[str, str]:
-        """Environment variables that direct ``s3://`` and ``gs://`` to this server."""
+        """Environment variables that make ``s3://`` and ``gs://`` addresses lead to this server."""
         nobody = {"disable_oauth": True, "client_email": "", "private_key": "", "private_key_id": ""}
         return {
             "AWS_ENDPOINT": self.address,
@@ -89,7 +89,7 @@ class Bucket:
         }
 
     def begun(self) -> None:
-        """Wait for the latency, and count the request."""
+        """Count a request, and wait for the latency."""
         with self._lock:
             self.asked += 1
             self._waiting += 1

@@ -1,20 +1,20 @@
-"""Truth of claims: errors compared with the uncertainty that a fit states. Prints Markdown.
+"""Truth of claims: errors of fits compared with the uncertainty that the fits state. Prints Markdown.
 
     python -m benchmarks.claims [--trials 400] [--tables noise,time,outliers] [--processes 2]
 
-``noise``       white noise: mean of dᵀP⁻¹d/9, d the error of (b, F·A) and P the covariance that the fit claims
+``noise``       white noise: mean of dᵀP⁻¹d/9, with d the error of (b, F·A) and P the covariance that the fit claims
 ``time``        correlated noise, AR(1) at 50 Hz, on a tumble by hand
-``slow``        the same with time constants of up to seconds, plus white noise, in short recordings too
-``distortion``  a smooth distortion as a function of direction, and a field with a gradient along the hand's path
-``outliers``    efficiency (bound ÷ rms angle error) with outliers; centre error with clusters, over that without
+``slow``        the same with time constants of up to seconds, plus white noise, also in short recordings
+``distortion``  a smooth distortion that depends on the direction, and a field with a gradient along the hand's path
+``outliers``    efficiency (bound ÷ rms angle error) with outliers; for clusters, the centre error over that without
 ``confidence``  motions with incomplete coverage: shares of good verdicts, and of headings far beyond the claim
-``few``         10 to 40 readings, one an attitude: share of wrong fits limited only by ``few-samples``, and expected
+``few``         10 to 40 readings, one an attitude: share of wrong fits that only ``few-samples`` limits, and expected
 ``shrunk``      short turns of uncorrected sensors: number of fits with shrinkage, and their errors
-``doubt``       residuals in runs of rejected readings, in limits of rejection: noise near steel, and passing magnets
-``halves``      real recordings cut in two: difference of the halves' calibrations over its claim
+``doubt``       residuals in runs of rejected readings, in rejection limits: noise near steel, and passing magnets
+``halves``      real recordings cut in two: difference of the halves' calibrations divided by its claim
 
-A refusal counts with the fit that it carries. Recordings of ``halves`` are those of `benchmarks.recordings`;
-`benchmarks.windows` has those of one board, and smaller parts.
+A refusal counts with the fit that it contains. The recordings of ``halves`` are those of `benchmarks.recordings`.
+`benchmarks.windows` has smaller parts, and the recordings of one board.
 """
 
 from __future__ import annotations
@@ -57,28 +57,28 @@ WHITE_NOISE_SETS: Final = ("S1", "S2", "S3", "S4", "S5", "S6", "S8")
 NOISES: Final = (0.1, 0.5, 2.0)
 MEMORIES: Final = (0.0, 0.5, 0.8, 0.95)
 SLOW_NOISES: Final = ((0.2, 10.0), (1.0, 10.0), (0.2, 60.0), (1.0, 60.0), (4.0, 30.0), (4.0, 60.0))
-"""Time constants of noise, and durations of recordings, s."""
+"""Pairs of a time constant of noise and a duration of the recording, in s."""
 DISTORTION_SHARE: Final = 0.01
-"""Share of the field, root mean square."""
+"""Distortion as a fraction of the field, root mean square."""
 
 MEDIAN_CHI_SQUARE: Final = 8.343
-"""Median of χ² with nine degrees of freedom."""
+"""Median of chi-square with nine degrees of freedom."""
 
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """One recording, its fit and the truth.
+    """One recording with its fit, compared with the truth.
 
     Attributes
     ----------
     weighed, textbook : float
-        dᵀP⁻¹d/9 with the stated covariance, and with the covariance for independent residuals.
+        dᵀP⁻¹d/9 with the covariance that the fit states, and with that for independent residuals.
     bound_deg, error_deg, centre : float
-        Smallest possible and found angle error, degrees; error of the offset, µT.
+        Smallest possible and measured angle error in degrees; error of the offset in µT.
     heading_deg, claimed_deg : float
-        Heading error of a level vehicle, rms, mean removed: true and claimed.
+        Rms heading error of a level vehicle in degrees, minus the mean error: true and claimed.
     verdict, method : str
-        ``error`` and empty without a fit.
+        Verdict and method of the fit; ``error`` and empty if there is no fit.
     """
 
     weighed: float = math.nan
@@ -93,7 +93,7 @@ class Trial:
 
 
 def judged(field: Floats) -> Fit | None:
-    """Fit of readings, also a refused one; None without a fit."""
+    """Fit of readings, even a refused one; None if there is no fit."""
     try:
         return flinders.fit(field, site=flinders.Site(strength=FIELD_STRENGTH))
     except Refused as refusal:
@@ -103,7 +103,7 @@ def judged(field: Floats) -> Fit | None:
 
 
 def tried(recipe: Callable[[int], Simulated], seed: int, *, textbook: bool = False) -> Trial:
-    """Simulate a recording, fit it and compare with the truth."""
+    """Simulate a recording, fit it, and compare the fit with the truth."""
     recording = recipe(seed)
     fit = judged(recording.samples.field)
     if fit is None:
@@ -145,17 +145,17 @@ def by_hand(
         Correlation of the noise of consecutive readings.
     sigma : float, µT
     distorted : float
-        Share of the field, rms: harmonics of degree 3 and 4 of the direction, along the field.
+        Distortion as a fraction of the field, rms: harmonics of degree 3 and 4 of the direction, along the field.
     gradient : float
-        Share of the field, rms about its mean: a field that varies along the path of the hand.
+        Variation of the field along the path of the hand, as a fraction of the field, rms about the mean.
     walk_s : float
-        Time constant of that path.
+        Time constant of the path of the hand, in s.
     magnet : str
-        ``cut``: acts only within 3 s; ``tails``: has the full field of a passing dipole.
+        ``cut``: it acts within 3 s only; ``tails``: the whole field of a passing dipole.
     beside : float, µT
-        Additional white noise.
+        Further white noise.
     seconds : float
-        Duration.
+        Duration of the recording, in s.
     """
     of_sensor, of_motion, of_noise, of_field = np.random.default_rng([SEED, 100, seed]).spawn(4)
     sensor = Sensor.random(of_sensor, noise=sigma)
@@ -186,7 +186,7 @@ def remembering(rng: Generator, shape: tuple[int, int], memory: float) -> Floats
 
 
 def harmonics(directions: Floats, rng: Generator) -> Floats:
-    """(N,) random sum of the sixteen harmonics of degree 3 and 4, of unit variance over the sphere."""
+    """(N,) random sum of the sixteen harmonics of degrees 3 and 4, with unit variance over the sphere."""
     everywhere = simulate.fibonacci(2000)
 
     def powers(u: Floats, degree: int) -> Floats:
@@ -213,7 +213,7 @@ def harmonics(directions: Floats, rng: Generator) -> Floats:
 
 
 def wandering(rng: Generator, count: int, seconds: float) -> Floats:
-    """(N,) smooth random series of unit variance: white noise through two low-pass filters."""
+    """(N,) smooth random series of unit variance: white noise after two low-pass filters."""
     memory = math.exp(-1.0 / (simulate.RATE_HZ * seconds))
     settle = round(10 * seconds * simulate.RATE_HZ)
     walk, first, second = np.empty(count + settle), 0.0, 0.0
@@ -227,7 +227,7 @@ def wandering(rng: Generator, count: int, seconds: float) -> Floats:
 
 
 def passing(time: Floats, rng: Generator, *, cut: bool) -> tuple[Floats, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
-    """Field of a passing magnet, µT, and a mask of the readings within 1.5 s of its passage."""
+    """(N, 3) field of a passing magnet in µT, and (N,) booleans of the readings within 1.5 s of its passage."""
     middle = rng.uniform(5.0, float(time[-1]) - 5.0)
     pulse = rng.uniform(20.0, 60.0) * (1.0 + ((time - middle) / 0.5) ** 2) ** -1.5
     near = np.abs(time - middle) < 1.5
@@ -235,7 +235,7 @@ def passing(time: Floats, rng: Generator, *, cut: bool) -> tuple[Floats, np.ndar
 
 
 def clustered(seed: int, *, share: float, kind: str) -> Simulated:
-    """Recording of 500 readings in all directions, some of them shifted alike or set to one value (literature §13)."""
+    """Recording of 500 readings in all directions; a share of them is shifted by one vector or set to one value."""
     rng, of_cluster = np.random.default_rng([SEED, 101, seed]).spawn(2)
     sensor = Sensor.random(rng)
     directions = simulate.uniform_directions(rng, 500)
@@ -280,7 +280,7 @@ def moving(seed: int, *, motion: str, sigma: float) -> Simulated:
 
 
 def noise(pool: Executor, trials: int) -> Iterator[str]:
-    """Yield the table of white noise; required 0.85 to 1.2."""
+    """Yield the table of white noise; 0.85 to 1.2 is required."""
     yield from _head("white noise", "σ µT", "weighed/9", "its median", "robust")
     for name in WHITE_NOISE_SETS:
         for sigma in NOISES:
@@ -289,7 +289,7 @@ def noise(pool: Executor, trials: int) -> Iterator[str]:
 
 
 def time(pool: Executor, trials: int) -> Iterator[str]:
-    """Yield the table of correlated noise; required 0.7 to 1.4."""
+    """Yield the table of correlated noise; 0.7 to 1.4 is required."""
     yield from _head("AR(1) noise by hand", "weighed/9", "its median", "textbook", "robust")
     for memory in MEMORIES:
         done = _run(pool, partial(by_hand, memory=memory), trials, textbook=True)
@@ -300,7 +300,7 @@ def time(pool: Executor, trials: int) -> Iterator[str]:
 
 
 def slow(pool: Executor, trials: int) -> Iterator[str]:
-    """Yield the table of slow noise, with few independent readings; required 0.7 to 1.4."""
+    """Yield the table of slow noise, with few independent readings; 0.7 to 1.4 is required."""
     yield from _head(
         "0.5 µT that is correlated for", "recording", "weighed/9", "its median", "textbook", "good",
         "good, but off by > 2 × claim and > 1°", "refused",
@@ -318,7 +318,7 @@ def slow(pool: Executor, trials: int) -> Iterator[str]:
 
 
 def distortion(pool: Executor, trials: int) -> Iterator[str]:
-    """Yield the table of model errors; required 0.7 to 1.4."""
+    """Yield the table of model errors; 0.7 to 1.4 is required."""
     yield from _head("1 % of the field, by hand", "σ µT", "weighed/9", "its median", "textbook", "robust")
     for sigma in (0.1, 0.5):
         for name, recipe in (
@@ -334,7 +334,7 @@ def distortion(pool: Executor, trials: int) -> Iterator[str]:
 
 
 def outliers(pool: Executor, trials: int) -> Iterator[str]:
-    """Yield the table of outliers; required: S5 0.95, a magnet 0.9, clean data lose 0.02, clusters within 1.3."""
+    """Yield the table of outliers; required are 0.95 for S5, 0.9 for a magnet, a loss of 0.02, and 1.3 for clusters."""
     yield from _head("outliers", "σ µT", "efficiency", "of the likelihood", "failed")
     for name in ("S1", "S3", "S5"):
         for sigma in NOISES:
@@ -369,7 +369,7 @@ def outliers(pool: Executor, trials: int) -> Iterator[str]:
 
 
 def confidence(pool: Executor, trials: int) -> Iterator[str]:
-    """Yield the table of incomplete coverage; a true heading error above three times the claim in at most 2 %."""
+    """Yield the table of incomplete coverage; at most 2 % of heading errors may exceed three times the claim."""
     yield from _head(
         "motion",
         "σ µT",
@@ -394,7 +394,7 @@ def confidence(pool: Executor, trials: int) -> Iterator[str]:
 
 
 def few(pool: Executor, trials: int) -> Iterator[str]:
-    """Yield the table of few readings, one an attitude; *wrong* as in `benchmarks.adversary`."""
+    """Yield the table of few readings, one for each attitude; *wrong* is defined in `benchmarks.adversary`."""
     yield from _head("readings", "good except for their number", "ratio 50 / 90 %", "wrong", "expected")
     for count in (10, 12, 15, 16, 18, 20, 24, 30, 40):
         done = [one for one in pool.map(partial(_one_an_attitude, count), range(trials)) if one is not None]
@@ -406,7 +406,7 @@ def few(pool: Executor, trials: int) -> Iterator[str]:
 
 
 def _one_an_attitude(count: int, seed: int) -> adversary.Trial | None:
-    """Trial with readings in random directions; None if more than their number limits the fit."""
+    """Trial with readings in random directions; None if anything other than their number limits the fit."""
     rng, of = adversary.stream(seed, f"rest {count}"), adversary.sensor(adversary.stream(seed, "sensor"))
     read = adversary.STRENGTH_UT * simulate.uniform_directions(rng, count) @ of.iron + of.offset
     fit = adversary.fitted(Samples.of(read + (0.05, 0.1, 0.2)[seed % 3] * rng.standard_normal((count, 3)), unit="uT"))
@@ -418,7 +418,7 @@ def _one_an_attitude(count: int, seed: int) -> adversary.Trial | None:
 
 
 def shrunk(pool: Executor, trials: int) -> Iterator[str]:
-    """Yield the table of uncorrected sensors, offsets of up to two field strengths, turned for a few seconds."""
+    """Yield the table of uncorrected sensors: offsets of up to two field strengths, turned for a few seconds."""
     yield from _head("turned for", "shrunk", "their largest offset, of the field", "largest ratio")
     for name, path in (("4 s, all axes", _tumbled), ("12 s, nearly one axis", _rolled)):
         done = [one for one in pool.map(partial(_fit_of_path, path), range(trials), chunksize=8) if one is not None]
@@ -438,7 +438,7 @@ def _rolled(rng: Generator) -> adversary.Path:
 
 
 def _fit_of_path(path: Callable[[Generator], adversary.Path], seed: int) -> tuple[float, float] | None:
-    """Offset over the field, and error over claim, of a fit with shrinkage; None for any other."""
+    """Offset over field strength, and error over claim, of a fit with shrinkage; None for any other fit."""
     effect, of = adversary.Effect(), adversary.sensor(adversary.stream(seed, "sensor"))
     fit = adversary.fitted(adversary.recorded(seed, of, effect, path(adversary.stream(seed, "path 0"))))
     if fit is None or not fit.claim.is_shrunk:
@@ -448,7 +448,7 @@ def _fit_of_path(path: Callable[[Generator], adversary.Path], seed: int) -> tupl
 
 
 def doubt(pool: Executor, trials: int) -> Iterator[str]:
-    """Yield the table of rejected runs: varying noise must not exceed the limit of doubt, a passing magnet must."""
+    """Yield the table of rejected runs: a passing magnet must exceed the limit of doubt, and slow noise must not."""
     yield from _head("tumbles by hand", "with rejected runs", "runs", "limits 50 / 90 / 95 %", "beyond 2.5 limits")
     for name, effect in (
         ("steel desk, 1 µT", adversary.Effect(place=partial(adversary.desk, rms=1.0))),
@@ -473,16 +473,16 @@ def doubt(pool: Executor, trials: int) -> Iterator[str]:
 
 
 def _reach(samples: Samples) -> list[float]:
-    """Largest residual of each run of several rejected readings, in limits of rejection."""
+    """Largest residual of each run of several rejected readings, divided by the rejection limit."""
     estimate = Auto().estimate(Readings.of(samples))
     return [run.max_distance / estimate.rejected_beyond for run in estimate.outliers if run.readings > 1]
 
 
 def halves(pool: Executor, trials: int) -> Iterator[str]:
-    """Yield the table of real recordings cut in two. The field or the sensor may have changed in between.
+    """Yield the table of real recordings cut in two, between which the field or the sensor may have changed.
 
-    The largest of 72 heading differences is divided by the largest claim: for true claims, the median is 1.0 to 1.6
-    (simulated tumbles by hand, with white noise, AR(1) noise and a gradient).
+    The largest of 72 heading differences is divided by the largest claim. For true claims the median is 1.0 to 1.6, as
+    measured with simulated tumbles by hand with white noise, AR(1) noise and a gradient.
     """
     del pool, trials
     yield from _head("recording", "heading, worst", "difference of halves", "claimed difference", "ratio")
@@ -552,7 +552,7 @@ def _run(pool: Executor, recipe: Callable[[int], Simulated], trials: int, *, tex
 
 
 def _weighed(off: Floats, covariance: Floats) -> float:
-    """Squared error in units of its covariance, divided by its number of components."""
+    """Squared error divided by its claimed variance, per component."""
     return float(off @ np.linalg.pinv(covariance, rcond=1e-14, hermitian=True) @ off) / len(off)
 
 
@@ -570,7 +570,7 @@ def _mean(done: Sequence[Trial], name: str) -> str:
 
 
 def _median(done: Sequence[Trial]) -> str:
-    """Median of dᵀP⁻¹d over that of χ²."""
+    """Median of dᵀP⁻¹d, divided by that of chi-square."""
     return f"{9 * np.nanmedian([one.weighed for one in done]) / MEDIAN_CHI_SQUARE:.2f}"
 
 
@@ -583,7 +583,7 @@ def _above(done: Sequence[Trial]) -> str:
 
 
 def _rms(values: Iterator[float]) -> float:
-    """Root mean square of the values that are not NaN."""
+    """Root mean square of those values that are not NaN."""
     return math.sqrt(float(np.nanmean(np.square(list(values)))))
 
 

@@ -1,13 +1,13 @@
-"""Claims on real recordings by release: a smaller claim, or a better verdict, needs a reason.
+"""Claims on real recordings, release by release: a smaller claim or a better verdict needs a reason.
 
     python -m benchmarks.claims_by_release                          # fit, and compare with the last column
     python -m benchmarks.claims_by_release --keep 0.2.0 --because "Claims include the thermal drift."
 
-``benchmarks/claims_by_release.toml`` has a column for each release: verdict, claimed worst level heading error, noise
-and the limiting or refusing findings, of each recording in `benchmarks.recordings.FOLDER` by `auto`. The table has
-only names of recordings. A claim counts as smaller if it is more than a third below the largest one since the last
-reason, so that several small steps need a reason, too. ``--keep`` prompts for each reason; while one is missing,
-``tests/test_claims_by_release.py`` fails.
+``benchmarks/claims_by_release.toml`` has a column for each release. For each recording in
+`benchmarks.recordings.FOLDER` it has the verdict, the claimed worst level heading error, the noise, and the findings
+that limit or refuse, by `auto`. The table contains only names of recordings. A claim counts as smaller if it is more
+than a third below the largest claim since the last reason, so that several small steps need a reason too. ``--keep``
+asks for each reason; while one is missing, ``tests/test_claims_by_release.py`` fails.
 """
 
 from __future__ import annotations
@@ -35,25 +35,25 @@ MAX_CLAIM_DROP: Final = 1.0 / 3.0
 MIN_SHOWN_CHANGE: Final = 0.2
 """Largest relative change of a claim that is not printed."""
 VERDICTS: Final = ("refused", "limited", "good")
-"""From the worst to the best."""
+"""Verdicts from the worst to the best."""
 OTHER_SENSORS: Final = {"acc.txt", "acc_data.txt", "reference_magneto14_acc.lis", "reference_magneto14_mag.lis"}
 """Recordings of accelerometers, and transcripts of other recordings."""
 
 
 @dataclass(frozen=True, slots=True)
 class Kept:
-    """Result of one release on a recording."""
+    """Result of one release for one recording."""
 
     verdict: str
-    claimed_deg: float | None = None  #: worst level heading error; None for a refused fit
-    noise: float | None = None  #: µT, or counts without a known unit; None without a fit
-    limits: tuple[str, ...] = ()  #: codes of the findings that limit or refuse, or of the error
+    claimed_deg: float | None = None  #: worst level heading error in degrees; None for a refused fit
+    noise: float | None = None  #: noise in µT, or in counts without a known unit; None without a fit
+    limits: tuple[str, ...] = ()  #: codes of the findings that limit or refuse; or the code of the error
     reason: str = ""  #: reason for a smaller claim or a better verdict
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """Results of one release on all recordings, by their names below the folder."""
+    """Results of one release, by the names of recordings below the folder."""
 
     name: str
     because: str
@@ -61,12 +61,12 @@ class Column:
 
 
 def names() -> list[str]:
-    """Recordings of magnetometers in the folder."""
+    """Names of the recordings of magnetometers in the folder."""
     return [name for name in fits.recordings() if Path(name).name not in NO_RECORDINGS | OTHER_SENSORS]
 
 
 def fitted(name: str) -> Kept:
-    """Fit one recording by `auto`."""
+    """Result of a fit of one recording by `auto`."""
     try:
         fit = flinders.fit(flinders.read(FOLDER / name))
     except Refused as refusal:
@@ -83,7 +83,7 @@ def _digits(number: float) -> float:
 
 
 def kept() -> list[Column]:
-    """Columns of the table, the oldest first."""
+    """Columns of the table, with the oldest first."""
     return [
         Column(
             one["name"],
@@ -95,7 +95,7 @@ def kept() -> list[Column]:
 
 
 def unexplained(name: str, columns: Sequence[Column], now: Kept) -> str:
-    """Sentence on a fit that lacks a needed reason; empty otherwise.
+    """Sentence about a result that needs a reason and has none; empty otherwise.
 
     >>> columns = [Column(str(claim), "", {"a.csv": Kept("limited", claim)}) for claim in (0.9, 0.7)]
     >>> unexplained("a.csv", columns, Kept("limited", 0.61)), unexplained("a.csv", columns, Kept("limited", 0.59))
@@ -118,7 +118,7 @@ def unexplained(name: str, columns: Sequence[Column], now: Kept) -> str:
 
 
 def _since_reason(before: list[tuple[str, Kept]]) -> list[tuple[str, Kept]]:
-    """Results of a recording from the last one with a reason on."""
+    """Results of a recording, from the last one that has a reason on."""
     reasons = [number for number, (_, row) in enumerate(before) if row.reason]
     return before[reasons[-1] if reasons else 0 :]
 
@@ -141,7 +141,7 @@ def changes(old: Column, new: Mapping[str, Kept]) -> Iterator[str]:
 
 
 def keep(name: str, because: str, columns: Sequence[Column], new: Mapping[str, Kept]) -> None:
-    """Add a column to the table, and prompt for the reasons that it needs."""
+    """Add a column to the table, and ask for the reasons that it needs."""
     if any(column.name == name for column in columns):
         sys.exit(f"{TABLE.name} has a column {name}: choose another name")
     rows = {}
@@ -172,7 +172,7 @@ def written(column: Column) -> str:
 
 
 def _quoted(value: object) -> str:
-    """Write a value for TOML, whose strings, numbers and lists of strings are those of JSON."""
+    """Write a value for TOML, whose strings, numbers and lists of strings have the syntax of JSON."""
     return json.dumps(value, ensure_ascii=False)
 
 

@@ -1,14 +1,14 @@
-"""Auxiliary columns of a log: detected if they explain readings, refused if they follow the attitude.
+"""Auxiliary columns of a log: used if they explain readings, refused if they follow the attitude.
 
-Each simulated vehicle has a sensor with hard and soft iron, turned by hand for a minute, and a disturbance aboard: a
-wheel, a servo, a charger. Its column follows the disturbance with a coefficient of determination R² from 0.5 to 1; the
-rest of the disturbance is not logged. A column is *found* if the calibration uses it. Its effect is *removed* if the
-remaining disturbance is at most `MAX_RESIDUAL_RATIO` times the residual of the best straight line in the column, or
-exceeds that residual by at most `MAX_LEFT_DEG` of heading.
+Each simulated vehicle has a sensor with hard and soft iron, which is turned by hand for a minute, and a disturbance on
+board: a wheel, a servo, a charger. A column of the log follows the disturbance, with a coefficient of determination R²
+between 0.5 and 1; the rest of the disturbance is not logged. A column is *found* if the calibration uses it. Its effect
+is *removed* if the disturbance that is left is at most `MAX_RESIDUAL_RATIO` times the residual of the best straight
+line in the column, or exceeds that residual by at most `MAX_LEFT_DEG` of heading.
 
-Columns that follow the attitude are functions of the direction of the field: linear, quadratic, a step, an odd
-polynomial, with noise up to R² = 0.9. They have to be refused (`FollowsAttitude`). A third kind is unrelated to both,
-and has to be left out (`column-unused`).
+Columns that follow the attitude are functions of the field's direction: linear, quadratic, a step, or an odd
+polynomial, with noise down to R² = 0.9. They must be refused (`FollowsAttitude`). Columns of a third kind have no
+relation to either, and must be left out (`column-unused`).
 
     python -m benchmarks.columns                    100 vehicles of each kind
     python -m benchmarks.columns --vehicles 12      fewer
@@ -40,26 +40,26 @@ if TYPE_CHECKING:
 VEHICLES: Final = 100
 NAME: Final = "wheel_rpm"
 MAX_RESIDUAL_RATIO: Final = 1.1
-"""Largest ratio of the remaining disturbance to the residual of the best straight line in the column, both rms."""
+"""Largest ratio of the remaining disturbance to the residual of the best straight line in the column; both are rms."""
 
 MAX_LEFT_DEG: Final = 0.25
-"""Largest excess over that residual, degrees of heading (rms) at a dip of 60°."""
+"""Largest excess of the remaining disturbance over that residual, in degrees of heading (rms) at a dip of 60°."""
 
 DIP_DEG: Final = 60.0
 
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """A simulated recording with a column, and its true effect."""
+    """A simulated recording with a column, and the true effect of the column."""
 
     samples: Samples
-    changing: Floats  #: (N, 3) µT: disturbance aboard
-    share: float  #: R² of the column with the disturbance
+    changing: Floats  #: (N, 3) µT: disturbance on board
+    share: float  #: R² between the column and the disturbance
     field_strength: float
 
 
 def explained(seed: int) -> Vehicle:
-    """Vehicle with a column that follows part of the disturbance, R² from 0.5 to 1; every third column has states."""
+    """Vehicle with a column that explains part of a disturbance, R² 0.5 to 1; every third column has states."""
     rng = np.random.default_rng([seed, 1])
     share, size = rng.uniform(0.5, 1.0), rng.uniform(1.5, 8.0)  # µT, rms of all that changes
     hold = rng.uniform(1.0, 5.0)
@@ -70,7 +70,7 @@ def explained(seed: int) -> Vehicle:
     assert time is not None
     true, unlogged = _unit(shape.on(time, rng).shift[:, 0]), _unit(other.on(time, rng).shift[:, 0])
     direction, tumble = _direction(rng), simulate.tumble(seed=seed)
-    if seed % 3 == 1:  # by a noisy meter
+    if seed % 3 == 1:  # measured with a noisy meter
         course = _unit(np.sqrt(share) * true + np.sqrt(1.0 - share) * rng.standard_normal(len(true)))
         whole = size * true
     else:
@@ -88,11 +88,11 @@ SHAPES: Final[tuple[Callable[[Floats, Generator], Floats], ...]] = (
     lambda u, rng: np.tanh(8.0 * (u @ _direction(rng))),
     lambda u, rng: (u @ _direction(rng)) ** 3 + (u @ _direction(rng)) * (u @ _direction(rng)),
 )
-"""Functions of the direction of the field."""
+"""Functions of the field's direction."""
 
 
 def following(seed: int) -> Vehicle:
-    """Vehicle with a column that is a function of the direction of the field, with noise up to R² = 0.9."""
+    """Vehicle with a column that is a function of the field's direction, with noise down to R² = 0.9."""
     rng = np.random.default_rng([seed, 2])
     tumble = simulate.tumble(seed=seed)
     matrix, offset = tumble.sensor.correction
@@ -107,7 +107,7 @@ def following(seed: int) -> Vehicle:
 
 
 def idle(seed: int) -> Vehicle:
-    """Vehicle with a column without effect."""
+    """Vehicle with a column that has no effect."""
     rng = np.random.default_rng([seed, 3])
     tumble = simulate.tumble(seed=seed)
     assert tumble.samples.time is not None
@@ -118,7 +118,7 @@ def idle(seed: int) -> Vehicle:
 
 
 def outcome(vehicle: Vehicle) -> str:
-    """Outcome of a fit with the column."""
+    """Outcome of a fit with the column, as one word."""
     try:
         fit = flinders.fit(vehicle.samples, disturbances=(NAME,))
     except FollowsAttitude:
@@ -131,7 +131,7 @@ def outcome(vehicle: Vehicle) -> str:
 
 
 def _judged(vehicle: Vehicle, fit: Fit) -> str:
-    """Outcome of a fit: whether the column is used, and its effect removed."""
+    """Outcome of a fit: whether it uses the column, and whether the effect is removed."""
     followed = {one.name: one for one in fit.calibration.disturbances}
     if NAME not in followed:
         return "left out"
@@ -150,13 +150,13 @@ def _rms(field: Floats) -> float:
 
 
 def _unit(values: Floats) -> Floats:
-    """(N,) values of mean 0 and standard deviation 1."""
+    """(N,) values, shifted and scaled to mean 0 and standard deviation 1."""
     unit: Floats = (values - values.mean()) / values.std()
     return unit
 
 
 def _direction(rng: Generator) -> Floats:
-    """(3,) a unit vector in any direction."""
+    """(3,) random unit vector."""
     vector = rng.standard_normal(3)
     unit: Floats = vector / np.linalg.norm(vector)
     return unit
@@ -167,17 +167,17 @@ KINDS: Final[dict[str, tuple[Callable[[int], Vehicle], str]]] = {
     "follows the attitude": (following, "refused: follows attitude"),
     "moves nothing": (idle, "left out"),
 }
-"""Kinds of columns: function that simulates a vehicle, and the required outcome."""
+"""Kinds of columns: the function that simulates a vehicle, and the outcome that is required."""
 
 
 def counts(kind: str, vehicles: int) -> Counter[str]:
-    """Count of each outcome of a kind."""
+    """Number of vehicles of a kind, by outcome."""
     made, _ = KINDS[kind]
     return Counter(outcome(made(seed)) for seed in range(vehicles))
 
 
 def main() -> None:
-    """Print outcomes of all kinds."""
+    """Print the outcomes for all kinds of columns."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--vehicles", type=int, default=VEHICLES)
     vehicles = parser.parse_args().vehicles

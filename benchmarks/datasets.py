@@ -1,7 +1,7 @@
-"""Simulated recordings for measurements of accuracy, and the Cramér–Rao bound of each.
+"""Simulated recordings that measure accuracy, and the Cramér–Rao bound of each.
 
-A data set is identified by name, trial and noise of the sensor; truth and motion are the same at every noise. S1 … S8
-are also used to measure other software, so their random numbers must never change.
+A data set has a name, a trial and a noise of the sensor. Truth and motion are the same for every noise. Other software
+is measured with S1 … S8 too, so their random numbers must never change.
 
 >>> recording = dataset("S1", trial=0, sigma=0.5)
 >>> len(recording.samples), recording.samples.source
@@ -47,17 +47,17 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 FIELD_STRENGTH: Final = 50.0
-"""µT."""
+"""Field strength in µT."""
 
 FIELD: Final = simulate.north_and_down(60.0)
 SEED: Final = 20240607
 ENTRIES: Final = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-"""Order of a symmetric matrix among the nine parameters: three of the offset, then F · A, all in µT."""
+"""Order of the entries of F · A, which follow the three of the offset in the nine parameters, all in µT."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Path:
-    """(N, 3) directions of the field; time (N,), acceleration and rate (N, 3) if recorded."""
+    """(N, 3) directions of the field; (N,) times, (N, 3) accelerations and (N, 3) rates if recorded."""
 
     directions: Floats
     time: Floats | None = None
@@ -67,18 +67,18 @@ class Path:
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """Recipe of a set; sets with the same number `stream` share truth and motion."""
+    """How a data set is made; data sets with the same number `stream` share truth and motion."""
 
     stream: int
     path: Callable[[Generator], Path]
     sensor: Callable[[Generator, float], Sensor] = lambda rng, sigma: Sensor.random(rng, noise=sigma)
     outliers: float = 0.0
-    sigmas: tuple[float, ...] | None = None  # µT, if only some noises make sense
+    sigmas: tuple[float, ...] | None = None  # noises in µT; None for those of the table
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bound:
-    """Cramér–Rao bound: accuracy of the best unbiased estimator.
+    """Cramér–Rao bound: the accuracy of the best unbiased estimator.
 
     Attributes
     ----------
@@ -93,7 +93,7 @@ class Bound:
 
 
 def dataset(name: str, trial: int, sigma: float) -> Simulated:
-    """Simulate a recording; `sigma` is the white noise per axis in µT."""
+    """Simulate a recording; `sigma` is the white noise of each axis in µT."""
     recipe = SETS[name]
     rng = np.random.default_rng([SEED, recipe.stream, trial])
     sensor = recipe.sensor(rng, sigma)
@@ -113,10 +113,10 @@ def dataset(name: str, trial: int, sigma: float) -> Simulated:
 
 
 def bound(recording: Simulated) -> Bound:
-    """Cramér–Rao bound of a recording whose true matrix is symmetric, outliers left out.
+    """Cramér–Rao bound of a recording with a symmetric true matrix; outliers are left out.
 
-    The N true directions are unknown, too. Eliminating them (Schur complement) leaves one component of each reading,
-    along the normal of the surface.
+    The N true directions are unknown parameters too. They are eliminated (Schur complement), which leaves one component
+    of each reading: that along the normal of the surface.
     """
     matrix = np.asarray(recording.sensor.matrix)
     directions = recording.directions[~recording.outliers]
@@ -128,7 +128,7 @@ def bound(recording: Simulated) -> Bound:
 
 
 def parameter_error(matrix: Floats, offset: Floats, recording: Simulated) -> Floats:
-    """(9,) error in µT of an offset (3,) and of F · A of a calibration matrix (3, 3) with ``|corrected| = F``."""
+    """(9,) errors in µT of a (3,) offset and of F · A of a (3, 3) matrix with ``|corrected| = F``."""
     values, axes = np.linalg.eigh(matrix.T @ matrix)
     shape = (axes / np.sqrt(values)) @ axes.T - recording.sensor.matrix
     entries = [recording.field_strength * shape[row, column] for row, column in ENTRIES]
@@ -136,7 +136,7 @@ def parameter_error(matrix: Floats, offset: Floats, recording: Simulated) -> Flo
 
 
 def heading_error_deg(matrix: Floats, offset: Floats, recording: Simulated) -> float:
-    """Root mean square heading error of a level turn, degrees, less its mean, which a level turn cannot determine."""
+    """Rms heading error of a level turn in degrees, minus the mean error, which a level turn cannot determine."""
     headings = np.arange(360) * (2 * np.pi / 360)
     turn = simulate.turns(np.outer(headings, [0.0, 0.0, 1.0]))
     field = FIELD_STRENGTH * simulate.in_body_axes(turn, FIELD)
@@ -147,7 +147,7 @@ def heading_error_deg(matrix: Floats, offset: Floats, recording: Simulated) -> f
 
 
 def _moved_by(directions: Floats) -> Floats:
-    """(N, 3, 9) derivatives of readings at (N, 3) directions by each parameter."""
+    """(N, 3, 9) derivatives of readings with respect to each parameter, at (N, 3) directions of the field."""
     moved = np.zeros((len(directions), 3, 9))
     moved[:, :, :3] = np.eye(3)
     for index, (row, column) in enumerate(ENTRIES, start=3):
@@ -157,7 +157,7 @@ def _moved_by(directions: Floats) -> Floats:
 
 
 def _angle_deg(matrix: Floats, information: Floats) -> float:
-    """Angle error over 400 directions from the information, degrees."""
+    """Angle error over 400 directions in degrees, by the Fisher information."""
     if np.linalg.cond(information) > 1e12:
         return math.nan
     true = simulate.fibonacci(400)
@@ -169,7 +169,7 @@ def _angle_deg(matrix: Floats, information: Floats) -> float:
 
 
 def _by_hand(rng: Generator) -> Path:
-    """Tumble by hand, with a gyro that has a bias, and an accelerometer."""
+    """Tumble by hand with an accelerometer and a gyro; the gyro has a bias."""
     turning = simulate.hand_tumble(rng)
     bias = rng.normal(0, 0.01, 3)
     rate = turning.rate + bias + rng.normal(0, simulate.RATE_NOISE, turning.rate.shape)
@@ -178,19 +178,19 @@ def _by_hand(rng: Generator) -> Path:
 
 
 def _strong_iron(rng: Generator, sigma: float) -> Sensor:
-    """Sensor with strong iron: an offset in any direction of up to ten field strengths."""
+    """Sensor with strong iron; its offset has any direction and up to ten field strengths."""
     matrix = simulate.soft_iron(rng, scale=0.4, across=0.25)
     offset = simulate.uniform_directions(rng, 1)[0] * rng.uniform(0, 10 * FIELD_STRENGTH)
     return Sensor(matrix, offset, noise=sigma)
 
 
 def _stepped(resolution: float) -> Callable[[Generator, float], Sensor]:
-    """Make a sensor whose readings are multiples of a step in µT."""
+    """Function that makes a sensor whose readings are multiples of a step in µT."""
     return lambda rng, sigma: Sensor.random(rng, noise=sigma, resolution=resolution)
 
 
 def _uniform(n: int) -> Callable[[Generator], Path]:
-    """Return a path of n uniform directions."""
+    """Function that makes a path of n uniform directions."""
     return lambda rng: Path(simulate.uniform_directions(rng, n))
 
 

@@ -1,18 +1,18 @@
-"""Consistency of filters whose noise parameters come from an exported target. Prints Markdown.
+"""Consistency of filters whose noise parameters come from an export of a calibration. Prints Markdown.
 
     python -m benchmarks.delivered [--vehicles 200] [--hold 600]
 
-Vehicles are calibrated from a recording of each kind, the calibration is exported, and the noise is read back from the
-export. Each vehicle then keeps a heading, with a compass and a gyro as noisy as the filter assumes, and the filter of
-the target runs. The squared ratio of its yaw error to its stated error is averaged over the vehicles (NEES). A
-consistent filter has 1, within the band of 95 %; a larger value means that it understates its error, a smaller one that
-it overstates it. The table also has the same filter with the target's default noise.
+Vehicles are calibrated from recordings of each kind, the calibrations are exported, and the noise is read from the
+export. Each vehicle then holds a heading, its compass and its gyro are as noisy as the filter assumes, and the filter
+of the target runs. The squared ratio of the yaw error to the error that the filter states is averaged over the vehicles
+(NEES). For a consistent filter it is 1, within a 95 % band; a larger value means that the filter understates its error,
+a smaller one that it overstates it. The table also has the same filter with the target's default noise.
 
 ``heading``  a heading as an angle, with a gyro and its bias: EKF2 up to 1.14, EKF3, FusionCore, robot_localization
 ``field``    the horizontal field, with states for the body's field: EKF2 and EKF3 in three axes
-``turning``  the first after a further minute of turning at 6° a second, as errors depend on the heading
+``turning``  the first filter after a further minute of turning at 6°/s, since errors depend on the heading
 
-The mean error of a level turn depends on the mounting, and is removed; process noises are the defaults.
+The mean error over a level turn depends on the mounting, and is subtracted. Process noises are the defaults.
 """
 
 from __future__ import annotations
@@ -46,25 +46,25 @@ RECORDINGS: Final[dict[str, dict[str, Any]]] = {
     "one level turn, 60 readings (level only)": {"motion": "level", "n": 60, "noise": 2.0},
     "one level turn, 40 readings of a poor sensor (level only)": {"motion": "level", "n": 40, "noise": 4.0},
 }
-"""Kinds of recording, as arguments of `simulate.tumble`."""
+"""Arguments of `simulate.tumble` for each kind of recording."""
 TURN_S, TURN_RATE = 60.0, math.radians(6.0)
 BODY_DRIFT: Final = 1e-10
-"""G²/s: EKF2_MAG_B_NOISE and EK3_MAGB_P_NSE 1e-4, squared with the step of 10 ms."""
+"""G²/s: noise of the body field, from 1e-4 of EKF2_MAG_B_NOISE and EK3_MAGB_P_NSE, squared, with the step of 10 ms."""
 
 
 MIN_ORIENTATION_STDDEV: Final = math.sqrt(1e-9)
-"""rad: value that robot_localization uses for the default orientation_stddev of 0 of imu_filter_madgwick."""
+"""rad: noise that robot_localization uses in place of orientation_stddev 0, the default of imu_filter_madgwick."""
 
 
 class Delivered(NamedTuple):
-    """A target, its filter, and the name of its noise."""
+    """A target with its filter and the name of the noise parameter."""
 
     target: str
     yaw: YawFilter
-    name: str  # of the noise, among the written values
+    name: str  # name of the noise among the written values
     default: float
-    field: bool = False  # the noise is that of an axis, in G
-    before: str = ""  # an orientation filter before the filter, which uses offsets alone
+    field: bool = False  # whether the noise is that of one axis of the field, in G
+    before: str = ""  # orientation filter ahead of the filter, which uses offsets only; empty without one
 
 
 TARGETS: Final = (
@@ -87,18 +87,18 @@ class Vehicle:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Compasses:
-    """Corrected compasses of V level vehicles."""
+    """Corrected compasses of V level vehicles that share a field."""
 
-    matrix: Floats  # (V, 3, 3): from the true field to the corrected one
+    matrix: Floats  # (V, 3, 3): maps the true field to the corrected one
     offset: Floats  # (V, 3)
-    noise: Floats  # (V, 3, 3): from unit white noise to that of the corrected field
-    mounting: Floats  # (V,) rad: the mean error of a level turn
+    noise: Floats  # (V, 3, 3): maps unit white noise to the noise of the corrected field
+    mounting: Floats  # (V,) rad: mean heading error over a level turn
     field: float  # µT
     dip: float  # rad
 
     @classmethod
     def of(cls, vehicles: Sequence[Vehicle], *, before: str = "") -> Compasses:
-        """Compasses of calibrated vehicles, without soft iron and noise if there is an orientation filter before."""
+        """Compasses of calibrated vehicles; with an orientation filter `before`, without soft iron and noise."""
         matrix, offset, noise = [], [], []
         for vehicle in vehicles:
             sensor, calibration = vehicle.recording.sensor, vehicle.fit.calibration
@@ -124,12 +124,12 @@ class Compasses:
         return read
 
     def heading_error(self, heading: Floats, rng: np.random.Generator | None = None) -> Floats:
-        """(V,) heading errors, rad, the mounting removed."""
+        """(V,) heading errors in rad, minus those by the mounting."""
         field = self.corrected(heading, rng)
         return _wrapped(np.arctan2(-field[:, 1], field[:, 0]) - heading - self.mounting)
 
     def field_error(self, heading: Floats, rng: np.random.Generator) -> Floats:
-        """(V, 2) errors of the horizontal field in axes of the body, G, the mounting removed."""
+        """(V, 2) errors of the horizontal field in axes of the body, in G, minus those by the mounting."""
         field = self.corrected(heading, rng)
         cosine, sine = np.cos(self.mounting), np.sin(self.mounting)
         across = np.stack([cosine * field[:, 0] - sine * field[:, 1], sine * field[:, 0] + cosine * field[:, 1]], 1)
@@ -139,7 +139,7 @@ class Compasses:
 
 
 def calibrated(asked: dict[str, Any], count: int) -> list[Vehicle]:
-    """Vehicles, each calibrated from its own recording; refused ones are left out."""
+    """Vehicles that are calibrated each from its own recording; refused calibrations are left out."""
     vehicles = []
     for seed in range(count):
         recording = simulate.tumble(seed=seed, **asked)
@@ -152,7 +152,7 @@ def calibrated(asked: dict[str, Any], count: int) -> list[Vehicle]:
 
 
 def written(vehicles: Sequence[Vehicle], target: str) -> dict[str, Floats]:
-    """(V,) exported numbers of the vehicles, by name."""
+    """(V,) exported numbers of the vehicles, by name of the number."""
     asked = target in {"px4", "ardupilot"}
     exports = [flinders.export(vehicle.fit, target, lossy=True, noise=asked).export for vehicle in vehicles]
     names = {delivered.name for delivered in TARGETS if delivered.target == target}
@@ -162,9 +162,9 @@ def written(vehicles: Sequence[Vehicle], target: str) -> dict[str, Floats]:
 def run_heading(
     yaw: YawFilter, sigma: Floats, first: Floats, compasses: Compasses, rng: np.random.Generator, *, hold_s: float
 ) -> tuple[float, float]:
-    """NEES of the heading filter after a constant heading, and after a further minute of turning.
+    """NEES of the heading filter at a constant heading, and after a further minute of turning.
 
-    `first`, (V,) rad, is the noise of the first yaw.
+    `first` is the noise of the first yaw, (V,) rad.
     """
     transition, process = yaw._model()
     size, count, step = len(transition), len(sigma), 1.0 / yaw.rate_hz
@@ -190,7 +190,7 @@ def run_heading(
 def run_field(
     yaw: YawFilter, sigma: Floats, first: Floats, compasses: Compasses, rng: np.random.Generator, *, hold_s: float
 ) -> tuple[float, float]:
-    """NEES of the filter of the field, with states yaw, gyro bias and body field; `first` is the first yaw's noise."""
+    """NEES of the field filter, with states yaw, gyro bias and body field; `first` is the noise of the first yaw."""
     transition, process = np.eye(4), np.zeros((4, 4))
     transition[:2, :2], process[:2, :2] = yaw._model()
     step, count = 1.0 / yaw.rate_hz, len(sigma)
@@ -222,29 +222,29 @@ def run_field(
 
 
 def _wrapped(angles: Floats) -> Floats:
-    """Angles between −π and π."""
+    """Angles wrapped to the range −π to π."""
     wrapped: Floats = np.angle(np.exp(1j * angles))
     return wrapped
 
 
 def _nees(error: Floats, variance: Floats) -> float:
-    """Mean of squared errors divided by the stated variance."""
+    """Mean of squared errors, divided by the variance that the filter states."""
     return float(np.mean(error**2 / variance))
 
 
 def band(count: int) -> tuple[float, float]:
-    """Interval of 95 % for the mean of `count` squared normal numbers (Wilson and Hilferty)."""
+    """95 % interval of the mean of `count` squared standard normal numbers (Wilson and Hilferty)."""
     spread = 2.0 / (9.0 * count)
     low, high = ((1.0 - spread + sign * 1.959964 * math.sqrt(spread)) ** 3 for sign in (-1.0, 1.0))
     return low, high
 
 
 class Row(NamedTuple):
-    """Results of a target."""
+    """Results for one target."""
 
-    sigma: float  # median of the written noise
-    nees: tuple[float, float]  # at a constant heading, and turning
-    default: tuple[float, float]  # with the default noise
+    sigma: float  # median of the exported noise
+    nees: tuple[float, float]  # NEES at a constant heading, and while turning
+    default: tuple[float, float]  # the same two with the default noise
 
 
 def rows(vehicles: Sequence[Vehicle], *, hold_s: float) -> list[Row]:

@@ -1,17 +1,17 @@
-"""Truth of claims on disturbances, and their benefit on a real flight. Prints Markdown.
+"""Truth of claims on disturbances, and what their correction gains in a real flight. Prints Markdown.
 
     python -m benchmarks.disturbances [--trials 200] [--tables nees,bench,flight,onboard]
 
-``nees``    squared errors over their claimed variances: of P for each axis, of the growth a with the temperature, of
-            the lag, and of offset and shape at the reference, in simulated tumbles by hand of a minute at 50 Hz; also
-            of four motors compensated one by one, and with meters that are noisy, slow, or coarse
+``nees``    squared errors divided by claimed variances, in simulated tumbles by hand of a minute at 50 Hz: of P for
+            each axis, of the growth a with the temperature, of the lag, and of offset and shape at the reference; also
+            of four motors that are compensated one by one, and with meters that are noisy, slow, or coarse
 ``bench``   the same of P for a sensor at rest
-``flight``  a drone's three compasses, every other block of 5 s held out: spread of the strength of the field, also
-            without the last 10 s, in which it is upside down with motors at 22 to 25 A
-``onboard`` its external compass against the calibration on board, in the air: held-out blocks of 5 s, and offsets
+``flight``  three compasses of a drone, with every other block of 5 s left out of the fit: spread of the field strength
+            in these blocks, also without the last 10 s, in which the drone is upside down with motors at 22 to 25 A
+``onboard`` its external compass compared with the onboard calibration, in the air: blocks of 5 s, and offsets
 
-The recording of ``flight`` and ``onboard`` is searched as by `benchmarks.recordings`. 200 trials take about ten minutes
-on one core.
+The recording for ``flight`` and ``onboard`` is found by `benchmarks.recordings`. 200 trials take about ten minutes on
+one core.
 """
 
 from __future__ import annotations
@@ -49,30 +49,30 @@ if TYPE_CHECKING:
     from flinders.simulate import Simulated
 
 FIRST, SECOND = np.array([0.5, 0.0, -0.3]), np.array([-0.2, 0.4, 0.1])
-"""µT/A of two motors."""
+"""µT/A of two motors on one vehicle."""
 
 ARMS: Final = np.array([[0.5, 0.1, -0.3], [-0.4, 0.2, 0.3], [0.1, -0.5, 0.2], [0.2, 0.4, -0.4]])
-"""µT/A of four motors of one vehicle."""
+"""µT/A of four motors on one vehicle."""
 
 HOLD_READINGS: Final = 25
-"""Readings during which a meter repeats its value."""
+"""Number of readings during which a meter repeats its value."""
 
 FULL_THROTTLE_A: Final = 20.0
-"""Current at full throttle, A."""
+"""Current at full throttle in A."""
 
 WARM: Final = np.array([0.3, -0.2, 0.1])
-"""µT/°C."""
+"""Growth of the offset with temperature in µT/°C."""
 
 GROWTH: Final = 0.002
-"""Share of the scale per °C."""
+"""Growth of the scale per °C, as a fraction of 1."""
 
 LAG_S: Final = 0.13
 
 MAX_SINGLE_RATIOS: Final = 6
-"""Most ratios that are printed one by one."""
+"""Largest number of ratios that are printed one by one."""
 
 Truth = dict[str, "Floats"]
-"""Offset per unit of each disturbance."""
+"""Change of the offset per unit of each disturbance."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,7 +83,7 @@ class Flown:
     ----------
     recording : Simulated
     samples : Samples
-        With the disturbance in the readings and its column.
+        Readings with the effect of the disturbance, and the column of the disturbance.
     per_unit : dict of str to (3,) float
     growth : float
     lag_s : float
@@ -135,7 +135,7 @@ def parted(seed: int, apart: float) -> Flown:
 
 
 def metered(seed: int, meter: Callable[[Floats, np.random.Generator], Floats], lag_s: float = 0.0) -> Flown:
-    """Simulate a minute of flight with the current from a meter."""
+    """Simulate a minute of flight with a current that a meter measures."""
     one = flown(seed, ("current",), lag_s=lag_s)
     assert one.samples.current is not None
     told = meter(one.samples.current, np.random.default_rng([2028, seed]))
@@ -143,7 +143,7 @@ def metered(seed: int, meter: Callable[[Floats, np.random.Generator], Floats], l
 
 
 def metered_motors(seed: int, lag_s: float = 0.0) -> Flown:
-    """Simulate a minute of flight with four motors, each with a meter with noise of 1 A and a lag."""
+    """Simulate a minute of flight with four motors; each current has a meter with noise of 1 A and a lag."""
     one = parted(seed, 0.1)
     time, currents = one.samples.time, one.samples.currents
     assert time is not None
@@ -155,17 +155,17 @@ def metered_motors(seed: int, lag_s: float = 0.0) -> Flown:
 
 
 def noisy(current: Floats, rng: np.random.Generator) -> Floats:
-    """Current of a meter with noise of 1 A."""
+    """Current as measured by a meter with noise of 1 A."""
     return current + rng.normal(size=current.shape)
 
 
 def holding(current: Floats, _rng: np.random.Generator) -> Floats:
-    """Current of a meter that updates twice a second."""
+    """Current as measured by a meter that updates twice per second."""
     return np.repeat(current[::HOLD_READINGS], HOLD_READINGS)[: len(current)]
 
 
 def rounded(current: Floats, _rng: np.random.Generator) -> Floats:
-    """Current of a meter in whole amperes."""
+    """Current as measured by a meter in whole amperes."""
     whole: Floats = np.round(current)
     return whole
 
@@ -189,7 +189,7 @@ CASES: Final[dict[str, Callable[[int], Flown]]] = {
 
 
 def fitted(one: Flown) -> Fit:
-    """Fit of a recording, also a refused one."""
+    """Fit of a recording, even a refused one."""
     try:
         return flinders.fit(one.samples, disturbances=tuple(one.per_unit))
     except Refused as refused:
@@ -197,7 +197,7 @@ def fitted(one: Flown) -> Fit:
 
 
 def errors_of(one: Flown) -> tuple[Floats, Floats, list[str]]:
-    """(9 + K + lags,) errors, their claimed variances, names: ``b``, ``S``, a disturbance, ``a``, ``lag``."""
+    """(9 + K + lags,) errors, their claimed variances, and names: ``b``, ``S``, a disturbance, ``a``, ``lag``."""
     fit = fitted(one)
     calibration, sensor = fit.calibration, one.recording.sensor
     assert fit.evidence.disturbances.covariance is not None
@@ -224,7 +224,7 @@ def errors_of(one: Flown) -> tuple[Floats, Floats, list[str]]:
 
 
 def nees_table(trials: int) -> Iterator[str]:
-    """Yield squared errors over claimed variances, by parameter."""
+    """Yield rows of squared errors divided by claimed variances, by parameter."""
     yield "| disturbance | b | S | P, each axis | a | lag | all, least … most |"
     yield "|---|---:|---:|---|---:|---:|---:|"
     for title, case in CASES.items():
@@ -246,7 +246,7 @@ def nees_table(trials: int) -> Iterator[str]:
 
 
 def bench_table(trials: int) -> Iterator[str]:
-    """Yield the same for tests at rest of twelve seconds, with two ramps of the motor, or with three steps."""
+    """Yield the same for tests at rest of twelve seconds, with two ramps of the motor or with three steps."""
     yield "| bench | P, each axis | refused |"
     yield "|---|---|---:|"
     courses = {
@@ -275,9 +275,9 @@ def lain(drawn: Floats, seed: int) -> StillSensor | None:
 FLIGHT: Final = "dronekit_log171_3mags/log171.bin"
 BLOCKS: Final = 48
 INVERTED_BLOCKS: Final = 2
-"""Blocks at the end in which the drone is upside down."""
+"""Number of blocks at the end in which the drone is upside down."""
 AIR_S: Final = (84.0, 230.0)
-"""Time in the air and upright, s of the log."""
+"""Start and end of the time in the air and upright, in s of the log."""
 BLOCK_S: Final = 5.0
 ONBOARD: Final = ([-97.79, 118.11, 213.18], [0.995731, 1.008149, 1.002741], [0.018288, -0.002727, -0.004213])
 """COMPASS_OFS in mG, DIA and ODI of the external compass, from the log."""
@@ -291,20 +291,20 @@ def compass(name: str) -> Samples:
 
 
 def strength(samples: Samples, calibration: Calibration) -> Floats:
-    """(N,) length of corrected readings over its mean."""
+    """(N,) lengths of corrected readings, divided by their mean."""
     length = np.linalg.norm(calibration.affine.apply(Compensator(calibration)(samples).field), axis=1)
     found: Floats = length / length.mean()
     return found
 
 
 def plain(field: Floats) -> Calibration:
-    """Best calibration without disturbances."""
+    """Best calibration that has no disturbances."""
     ellipsoid = Likelihood().estimate(Readings.of(field)).ellipsoid
     return Calibration.from_ellipsoid(ellipsoid.centre, ellipsoid.shape)
 
 
 def best_line(lengths: Floats, samples: Samples, calibration: Calibration) -> Floats:
-    """Lengths after a straight line in the current for each axis, fitted to the same readings."""
+    """Lengths after subtraction of a straight line in the current, fitted to the same readings for each axis."""
     directions = calibration.affine.apply(Compensator(calibration)(samples).field)
     ellipsoid = Ellipsoid(calibration.offset, calibration.shape)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -316,7 +316,7 @@ def best_line(lengths: Floats, samples: Samples, calibration: Calibration) -> Fl
 
 
 def flight_table() -> Iterator[str]:
-    """Yield the spread of the strength in held-out blocks."""
+    """Yield rows with the spread of the field strength in blocks that the fit did not use."""
     yield "| compass | held out | without | following the current | best line on these blocks | more than that |"
     yield "|---|---|---:|---:|---:|---:|"
     for name, title in (("1", "external"), ("2", "second (internal)"), ("3", "third (internal)")):
@@ -339,7 +339,7 @@ def flight_table() -> Iterator[str]:
 
 
 def onboard_table() -> Iterator[str]:
-    """Yield the spread of the strength in the air with the calibration on board and with ours, and their difference."""
+    """Yield rows with the spread of the field strength in the air, for the onboard calibration and for ours."""
     samples = compass("1")
     assert samples.time is not None
     air = samples[(samples.time >= AIR_S[0]) & (samples.time < AIR_S[1])]
@@ -365,14 +365,14 @@ def onboard_table() -> Iterator[str]:
 
 
 def on_board() -> Calibration:
-    """The calibration that was on board, for readings with nothing removed."""
+    """The onboard calibration, for readings from which nothing was removed."""
     offset, diagonal, (xy, xz, yz) = ONBOARD
     matrix = np.diag(diagonal) + np.array([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])
     return Calibration(matrix, -0.1 * np.array(offset), 50.0)
 
 
 def moved_spread(samples: Samples, calibration: Calibration) -> float:
-    """Spread of the strength with a given matrix and the best offset, scale and current for the same readings."""
+    """Spread of the field strength for a given matrix, with the best offset, scale and current for these readings."""
     radius = float(np.median(np.linalg.norm(calibration.apply(samples.field), axis=1)))
     ellipsoid = Ellipsoid(calibration.offset, np.linalg.inv(calibration.matrix) * radius)
     directions = calibration.apply(samples.field)
@@ -387,7 +387,7 @@ def moved_spread(samples: Samples, calibration: Calibration) -> float:
 
 
 def _onboard_row(samples: Samples, board: Calibration) -> str:
-    """Cells: offset at the median current, its uncertainty, difference of the one on board, and attitude dependence."""
+    """Cells: offset at the median current with uncertainty, difference of the onboard one, and attitude dependence."""
     try:
         fit = flinders.fit(samples, disturbances=("current",))
     except Refused as refused:
@@ -409,7 +409,7 @@ def _mean(ratios: Floats) -> str:
 
 
 def main() -> None:
-    """Print the tables that were asked for."""
+    """Print the requested tables."""
     options = _parser().parse_args()
     tables: dict[str, Callable[[], Iterator[str]]] = {
         "nees": partial(nees_table, options.trials),

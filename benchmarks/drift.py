@@ -1,10 +1,10 @@
-"""Detection rates and false alarms of `flinders drift` for units with drifts and steps.
+"""Detection rates and false alarms of `flinders drift` for fleets with drifts and steps of offsets.
 
 Fleets are simulated as tables of `flinders fleet`: true offsets and shapes of each unit over two years, and estimates
-with errors as large as stated, or twice that. The line of a fleet has the share of units with a step that were found,
-and the number of units without a step that were reported; then the share found of units with a true heading change of
-more than 1.5° from the first recording to the last, and the number reported, at a target of 1°, whose true change is
-smaller.
+whose errors are as large as stated, or twice as large. The row of a fleet has the share of units with a step that were
+found, and the number of units without a step that were reported. Then it has the share found of the units whose true
+heading changes by more than 1.5° from the first recording to the last, and the number of reported units, at a target of
+1°, whose true change is smaller.
 
     python -m benchmarks.drift                 # the table of docs/fleet/drift.md, a few minutes
     python -m benchmarks.drift --quick         # small fleets
@@ -47,24 +47,25 @@ ENTRIES: Final = ((0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2))
 
 @dataclass(frozen=True, slots=True)
 class Fleet:
-    """A fleet to simulate.
+    """Parameters of a simulated fleet.
 
     Attributes
     ----------
     units, recordings : int
-        Number of units, and of recordings of each, at random times of two years.
+        Number of units, and number of recordings of each unit, at random times of two years.
     sigma : float, µT
-        1 σ of each of the nine parameters of a recording; its logarithm varies by 0.3 (1 σ) between recordings.
+        Standard deviation of each of the nine parameters of a recording; its logarithm varies by 0.3 (1 σ) between
+        recordings.
     claimed : float
-        Claimed over true 1 σ.
+        Ratio of the claimed to the true standard deviation.
     walk : float
-        Random walk of the offset, as a share of the field per root second.
+        Random walk of the offset, as a fraction of the field per root second.
     trend_deg : float
-        Heading change by the steady drift of one unit in ten over two years.
+        Heading change in two years by the steady drift that one unit in ten has.
     step_deg : float
-        Heading change by the step of one unit in thirty-three.
+        Heading change by the step that one unit in thirty-three has.
     is_dated : bool
-        Whether clocks have the date; otherwise times count from power-on, and recordings are named ``run 0``, ``run 1``
+        Whether clocks show the date. Otherwise times count from power-on, and recordings are named ``run 0``, ``run 1``
         …
     """
 
@@ -80,14 +81,14 @@ class Fleet:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """Truth of (U,) units: whether there is a step, and the true change of heading, degrees."""
+    """Truth about (U,) units: whether there is a step, and the true change of the heading in degrees."""
 
     has_step: NDArray[np.bool_]
     change_deg: Floats
 
 
 def simulated(fleet: Fleet, rng: np.random.Generator) -> tuple[UnitResults, Truth]:
-    """Simulate the table of a fleet, and return it with the truth."""
+    """Simulate the table of a fleet; returned with the truth."""
     U, n = fleet.units, fleet.recordings
     seconds = np.sort(rng.uniform(0.0, 2.0 * YEAR_S, (U, n)), axis=1)
     gaps = np.diff(seconds, axis=1, prepend=seconds[:, :1])
@@ -109,13 +110,13 @@ def simulated(fleet: Fleet, rng: np.random.Generator) -> tuple[UnitResults, Trut
 
 
 def _level(units: int, rng: np.random.Generator) -> Floats:
-    """(U, 1, 3) random horizontal unit vectors, as a vertical step does not change a level heading."""
+    """(U, 1, 3) random horizontal unit vectors; a vertical step would not change level headings."""
     angle = rng.uniform(0.0, 2.0 * np.pi, units)
     return np.stack([np.cos(angle), np.sin(angle), np.zeros(units)], axis=1)[:, np.newaxis]
 
 
 def _table(fleet: Fleet, rng: np.random.Generator, offset: Floats, shape: Floats, seconds: Floats) -> UnitResults:
-    """Table of estimates with errors, and their stated uncertainties."""
+    """Table of estimates with errors, and with the uncertainties that are stated."""
     rows = len(offset)
     sigma = fleet.sigma * np.exp(0.3 * rng.normal(size=rows))
     errors = rng.normal(size=(rows, 9)) * sigma[:, np.newaxis]
@@ -148,7 +149,7 @@ def _table(fleet: Fleet, rng: np.random.Generator, offset: Floats, shape: Floats
 
 
 def found_in(rows: UnitResults, *, most: int = 1000) -> tuple[FleetDrift, list[UnitDrift]]:
-    """Write a table, and return the changes found in it."""
+    """Write a table, and return the changes that are found in it."""
     from pyarrow import parquet
 
     units: list[UnitDrift] = []
@@ -159,7 +160,7 @@ def found_in(rows: UnitResults, *, most: int = 1000) -> tuple[FleetDrift, list[U
 
 
 def line(name: str, fleet: Fleet, seed: int = 1) -> str:
-    """One row of the table: changes found, and false alarms."""
+    """One row of the table: detected changes, and false alarms."""
     rows, truth = simulated(fleet, np.random.default_rng(seed))
     drift, units = found_in(rows, most=fleet.units)
 
@@ -206,7 +207,7 @@ def fleets(units: int) -> dict[str, Fleet]:
 
 
 def of_recordings(units: int = 300, count: int = 4, seed: int = 1) -> str:
-    """Readings of sensors whose offset steps by 2 µT in one of ten, fitted by `flinders.fit`."""
+    """Result for simulated readings that `flinders.fit` fits; the offset of one sensor in ten steps by 2 µT."""
     rng = np.random.default_rng(seed)
     rows, stepped = [], set()
     for place in range(units):
@@ -232,7 +233,7 @@ def of_recordings(units: int = 300, count: int = 4, seed: int = 1) -> str:
 
 
 def of_nothing(fleets: int = 200, units: int = 200, *, is_dated: bool = True) -> str:
-    """Number of unchanged fleets, with true claims, that have a report."""
+    """Number of fleets for which changes are reported, among fleets in which nothing changes."""
     stepped = changed = 0
     for seed in range(fleets):
         rows, _ = simulated(Fleet(units=units, walk=0.0, is_dated=is_dated), np.random.default_rng(1000 + seed))
@@ -247,7 +248,7 @@ def of_nothing(fleets: int = 200, units: int = 200, *, is_dated: bool = True) ->
 
 
 def of_size(units: int = 200_000, tables: int = 5) -> str:
-    """Cost of the command on a large fleet, with a table for each recording."""
+    """Time, memory and size of the report for a large fleet, with one table for each recording."""
     with tempfile.TemporaryDirectory() as folder:
         with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:  # so that this process stays small
             paths = pool.submit(written, Fleet(units, tables, step_deg=2.0), folder).result()
@@ -262,7 +263,7 @@ def of_size(units: int = 200_000, tables: int = 5) -> str:
 
 
 def written(fleet: Fleet, folder: str) -> list[str]:
-    """Write a fleet with a table for each recording."""
+    """Write a fleet as one table for each recording."""
     from pyarrow import parquet
 
     rows, _ = simulated(fleet, np.random.default_rng(1))

@@ -1,10 +1,9 @@
-"""Times of the engine compared with a prototype without covariance, outliers or statistics, in the same run.
+"""Times of the engine and of a prototype without covariance, outliers and statistics, measured in one run.
 
     python -m benchmarks.engine [path of core_prototype.c]
 
-Each is the median processor time of several calls, in microseconds; the prototype is compiled with and without
--ffast-math. The
-prototype is timed through ctypes as well.
+Each time is the median processor time of several calls in µs. The prototype is compiled with and without -ffast-math,
+and is called through ctypes too.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ if TYPE_CHECKING:
 PROTOTYPE = Path("../shared/bench/core_prototype.c")
 
 RUNS = {500: 400, 50_000: 20, 1_000_000: 5}
-"""Number of timed calls, by the number of readings."""
+"""Number of calls that are timed, by the number of readings."""
 
 
 def cloud(rows: int) -> Floats:
@@ -43,7 +42,7 @@ def cloud(rows: int) -> Floats:
 
 
 def median_us(call: Callable[[], object], runs: int) -> float:
-    """Median processor time of a call, µs."""
+    """Median processor time of a call in µs."""
     times = []
     for _ in range(runs):
         begun = time.thread_time()
@@ -53,7 +52,7 @@ def median_us(call: Callable[[], object], runs: int) -> float:
 
 
 def prototype(source: Path, folder: Path, *options: str) -> Callable[[Floats], Callable[[], object]]:
-    """Return a function that prepares the prototype's fit of one recording, compiled with some options."""
+    """Function that prepares the prototype's fit of one recording; the prototype is compiled with some options."""
     target = folder / f"prototype{len(options)}.so"
     command = [
         *build.compiler(),

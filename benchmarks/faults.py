@@ -1,17 +1,17 @@
-"""Detected faults of units, and false alarms on good units, as a confusion table in Markdown.
+"""Detected faults of units, and false alarms for good units, as a confusion table in Markdown.
 
     python -m benchmarks.faults [--each 500] [--good 5000] [--workers 2]     # each fault and severity, so many units
     python -m benchmarks.faults --fleet 1000000 [--bad 0.03] --out runs/     # a fleet as it is drawn, to go on with
 
-Units are those of `flinders.apps.fleet.simulate`, judged by ``flinders.fit_many``, whose verdicts equal those of
-``flinders.fit``. A unit is **found** if it is limited, refused or without a fit, or if a note names the fault
-(`FAULT_NOTES`); a good unit that is found is a false alarm. The table names its most severe finding, and such notes. A
-missed unit is **off** if the true worst level heading error is above `MIN_HARM_DEG`: a fault without an effect on the
-calibration does no harm.
+Units are those of `flinders.apps.fleet.simulate`. They are judged by ``flinders.fit_many``, whose verdicts equal those
+of ``flinders.fit``. A unit is **found** if it is limited, refused or without a fit, or if a note names the fault
+(`FAULT_NOTES`). A good unit that is found is a false alarm; the table names its most severe finding and such notes. A
+unit that is not found is **off** if its true worst level heading error is above `MIN_HARM_DEG`; a fault that does not
+affect the calibration does no harm.
 
-Each piece of `PIECE` units is one file in ``--out``, written under another name and then renamed; an existing piece is
-not run again. Memory is bounded by one piece. Seed and number determine a unit, so the table does not depend on the
-number of workers.
+Each piece of `PIECE` units is one file in ``--out``, which is written under another name and then renamed. A piece that
+exists is not run again. Memory is bounded by one piece. A unit is determined by the seed and its number, so that the
+table does not depend on the number of workers.
 """
 
 from __future__ import annotations
@@ -40,30 +40,30 @@ SEED: Final = 20261122
 PIECE: Final = 500
 
 MIN_HARM_DEG: Final = 2.0
-"""Twice the target; an error that one unit in twenty has at a claim of the target (1 σ)."""
+"""Smallest heading error in degrees that counts as harm: twice the target, and 2 σ of a claim equal to the target."""
 
 FAULT_NOTES: Final = frozenset({"stale-repeats", "outliers", "field-changed"})
-"""Notes on a fault that the calibration allows for."""
+"""Notes about a fault that the calibration takes into account."""
 
 Key: TypeAlias = tuple[str, int]
-"""Fault and severity; empty and 0 for a good unit."""
+"""Fault and severity; empty and 0 for good units."""
 
 Tally: TypeAlias = dict[Key, Counter[str]]
 
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """A batch of units.
+    """Some consecutive units.
 
     Attributes
     ----------
     first, count : int
-        Numbers of the units.
+        Number of the first unit, and number of units.
     fault : str, optional
-        Fault of all units, empty for good ones; None to draw it unit by unit.
+        Fault of all units; empty for good units; None to draw it for each unit.
     severity : int
     bad : float
-        Share of bad units if faults are drawn.
+        Share of bad units, if faults are drawn.
     """
 
     first: int
@@ -85,7 +85,7 @@ class Piece:
 
 
 def judged(made: Sequence[Specimen]) -> Iterator[Counter[str]]:
-    """Yield counts for each unit: ``units``, its verdict, ``found``, and codes; the most severe has a !."""
+    """Yield the counts of each unit: ``units``, verdict, ``found``, and codes, of which the most severe has a !."""
     rows = fit_many({f"{place:06d}": one.samples for place, one in enumerate(made)})
     for place, one in enumerate(made):
         verdict, codes = str(rows.verdict[place]), list(rows.findings[place])
@@ -102,7 +102,7 @@ def judged(made: Sequence[Specimen]) -> Iterator[Counter[str]]:
 
 
 def off_deg(made: Specimen, offset: Floats, matrix: Floats) -> float:
-    """Worst error of a level heading, in degrees, by the truth; the mean over all headings removed."""
+    """Worst true level heading error in degrees, minus the mean error over all headings."""
     headings = np.radians(np.arange(0.0, 360.0, 3.0))
     attitudes = simulate.attitudes_of(headings, 0.0, 0.0)
     world = made.field_strength * simulate.north_and_down(DIP_DEG)
@@ -113,7 +113,7 @@ def off_deg(made: Specimen, offset: Floats, matrix: Floats) -> float:
 
 
 def tallied(piece: Piece, folder: Path | None = None) -> Tally:
-    """Result of a piece, computed or read from its file."""
+    """Counts of a piece, which are computed or read from its file."""
     path = None if folder is None else folder / piece.name
     if path is not None and path.exists():
         return {
@@ -131,13 +131,13 @@ def tallied(piece: Piece, folder: Path | None = None) -> Tally:
 
 
 def pieces_of(total: int, *, fault: str | None, severity: int = 2, bad: float = BAD_SHARE) -> Iterator[Piece]:
-    """Yield pieces with a total number of units."""
+    """Yield pieces with `total` units altogether."""
     for first in range(0, total, PIECE):
         yield Piece(first, min(PIECE, total - first), fault, severity, bad)
 
 
 def by_class(each: int, good: int, faults: Sequence[str]) -> Iterator[Piece]:
-    """Yield pieces with units of each fault and severity, and good ones; undetectable faults have one severity."""
+    """Yield pieces with units of each fault and severity, and good units; faults without a sign have one severity."""
     yield from pieces_of(good, fault="")
     for fault in faults:
         for severity in (1, 2) if FAULTS[fault].is_detectable else (2,):
@@ -145,7 +145,7 @@ def by_class(each: int, good: int, faults: Sequence[str]) -> Iterator[Piece]:
 
 
 def run(pieces: Iterable[Piece], workers: int, folder: Path | None) -> Tally:
-    """Run all pieces in some processes, and add up their results."""
+    """Run all pieces in several processes, and add up their counts."""
     total: Tally = {}
     work = partial(tallied, folder=folder)
     with ProcessPoolExecutor(workers) as pool:
@@ -156,7 +156,7 @@ def run(pieces: Iterable[Piece], workers: int, folder: Path | None) -> Tally:
 
 
 def table(total: Tally) -> list[str]:
-    """Rows in Markdown for each fault and severity, the good units first."""
+    """Rows in Markdown for each fault and severity; the good units are first."""
     rows = [
         "| fault | severity | units | good | limited | refused | no fit | found | missed and off | reported by |",
         "|---|---|---:|---:|---:|---:|---:|---:|---:|---|",
@@ -172,7 +172,7 @@ def table(total: Tally) -> list[str]:
 
 
 def told_by(counts: Counter[str]) -> str:
-    """Most frequent findings other than notes, and notes on faults, with their counts."""
+    """Most frequent findings, with their counts: those other than notes, and notes about faults."""
     codes = [
         (code.rstrip("!"), number)
         for code, number in counts.most_common()
@@ -185,7 +185,7 @@ def told_by(counts: Counter[str]) -> str:
 
 
 def summary(total: Tally) -> list[str]:
-    """Three lines on detected faults and false alarms."""
+    """Three lines about detected faults and false alarms."""
     lines = []
     for severity, words in ((2, "larger"), (1, "smaller")):
         told = [c for (fault, how), c in total.items() if how == severity and FAULTS[fault].is_detectable]

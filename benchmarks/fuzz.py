@@ -288,8 +288,9 @@ def _client(folder: str) -> TestClient:
     from flinders.apps.live.server import application
     from flinders.apps.live.session_file import Supply
     from flinders.core.axes import Axes
+    from flinders.links.feed_recording import RecordedFeed
     from flinders.links.feeds import Replay
-    from flinders.links.recorder import FileSink, RecordedFeed
+    from flinders.links.sinks import FileSink
 
     path = Path(folder) / "session.csv"
     sink = FileSink(path, force=True)

@@ -48,12 +48,12 @@ REFERENCES: Final = (
 
 
 def text_recordings() -> list[Path]:
-    """Files in the folder that may be text recordings of a magnetometer."""
+    """Files of the folder that may be text recordings of a magnetometer, judged by their names."""
     return [path for path in sorted(FOLDER.glob("*/*")) if path.suffix in TEXT and path.name not in NO_RECORDINGS]
 
 
 def row(reference: Reference) -> str:
-    """Fit one recording and write its row."""
+    """Row of the first table: fit one recording and compare its offset with the reference."""
     fit = flinders.fit(flinders.read(FOLDER / reference.recording))
     apart = float(np.linalg.norm(fit.calibration.offset - reference.offset)) / fit.calibration.field_strength
     error, (_, spread) = fit.heading_error_deg, fit.evidence.coverage.raw_strength(fit.calibration.ellipsoid)
@@ -65,7 +65,7 @@ def row(reference: Reference) -> str:
 
 
 def judged(path: Path) -> str | None:
-    """Fit one recording and write its row of the second table; None for other files."""
+    """Row of the second table: fit one recording; None for a file that is no recording."""
     name = str(path.relative_to(FOLDER))
     try:
         samples = flinders.read(path)

@@ -117,7 +117,7 @@ def repeats() -> Floats:
 
 
 def stood(seed: int, headings: int, crab_deg: float = 0.0) -> Trial | None:
-    """Calibrate a vehicle, change it, and refresh from poses at some headings; None if these contradict.
+    """Calibrate a vehicle, change it, and refresh from poses at `headings` headings; None if the poses contradict.
 
     Courses have a crab angle by a steady wind.
     """
@@ -180,7 +180,7 @@ def tried(seed: int, motion: str, aiding: Sequence[str], change: float) -> Trial
 
 
 def soft_iron(rng: np.random.Generator, change: float) -> Floats:
-    """(3, 3) factor of a change of the soft iron: symmetric, without a change of the mean strength."""
+    """(3, 3) symmetric factor that changes the soft iron by `change`, rms of its entries, but not the mean strength."""
     entries = rng.standard_normal(6)
     deviator = symmetric_matrix(entries) - np.eye(3) * entries[:3].mean()
     added: Floats = change * deviator / np.sqrt(np.mean(upper_entries(deviator) ** 2))
@@ -198,7 +198,7 @@ def heading_deg(truth: Ellipsoid, error: Floats) -> float:
 
 
 def bound_deg(short: Simulated, truth: Ellipsoid, earlier: Fit) -> float:
-    """Bound of that error, from the true directions."""
+    """Cramér-Rao bound of the level heading error, from the true directions, degrees."""
     directions = np.linalg.solve(truth.shape, (short.samples.field - truth.centre).T).T
     rows = information(directions / np.linalg.norm(directions, axis=1, keepdims=True), truth)
     matrix = rows.T @ rows / short.sensor.noise**2

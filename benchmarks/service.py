@@ -48,9 +48,9 @@ if TYPE_CHECKING:
     from benchmarks.service_peers import Correction, Estimator
 
 MOMENT_PERIOD_S, MIN_MOMENTS = 300.0, 200
-"""Seconds of life between two moments, and least number of moments of a life."""
+"""Seconds of life between two moments, and smallest number of moments of a life."""
 STEP_S, GAP_S = HOUR, 600.0
-"""Times for which a moment counts as after a step, and after a gap."""
+"""Seconds for which a moment counts as after a step, and as after a gap."""
 TURNED_S: Final = (0.0, *(5.0 * 2.0**power for power in range(9)))
 """Seconds of turning after a step."""
 FIRST_SEED: Final = 300
@@ -60,7 +60,7 @@ MOMENTS: Final = ("calm", "step", "gap", "steel")
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """Moment of an evaluation with its kind; `step` and `turned` if it follows a step."""
+    """Moment of an evaluation, with its kind; after a step also the step's number, and the seconds of turning since."""
 
     seconds: float
     kind: str
@@ -71,7 +71,7 @@ class Moment:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """Answer of an estimator at a moment, degrees; NaN without one."""
+    """Error, claim and bound of an estimator at a moment, degrees; NaN without a correction."""
 
     moment: Moment
     error: float
@@ -184,14 +184,14 @@ def scored(life: Life, name: str, make: Callable[[], Estimator]) -> Score:
 
 
 def claims_of(said: Correction | None) -> tuple[float, float]:
-    """Claim and bound; NaN if missing."""
+    """Claim and bound of a correction, degrees; NaN if missing."""
     if said is None or said.claim_deg is None or said.bound is None:
         return math.nan, math.nan
     return said.claim_deg, said.bound
 
 
 def error_deg(life: Life, at: float, said: Correction | None) -> float:
-    """True worst heading error at a moment of life, degrees."""
+    """True worst heading error of a correction at a moment of life, degrees."""
     if said is None:
         return math.nan
     readings = STRENGTH_UT * level_field() @ life.iron + life.offset_at(np.array([at]))
@@ -210,7 +210,7 @@ def stepped(life: Life, number: int, answers: Sequence[Answer], is_reported: boo
 
 
 def first_of_two(after: Sequence[Answer], holds: Sequence[bool]) -> float:
-    """Seconds of turning at the first of two consecutive moments with a condition; infinite without."""
+    """Seconds of turning at the first of two consecutive moments at which a condition holds; infinite if none."""
     for place, answer in enumerate(after):
         if all(holds[place : place + 2]):
             return answer.moment.turned
@@ -238,7 +238,7 @@ HEAD: Final = "moments | in force | within | error ÷ claim | claim ≤ 1° | er
 
 
 def cells(answers: Sequence[Answer]) -> str:
-    """The columns of `HEAD`."""
+    """Cells of the columns of `HEAD`."""
     told = [answer for answer in answers if math.isfinite(answer.error)]
     claimed = [answer for answer in told if math.isfinite(answer.claim)]
     ratios = [answer.error / answer.claim for answer in claimed if answer.claim > 0.0]
@@ -257,7 +257,7 @@ def cells(answers: Sequence[Answer]) -> str:
 
 
 def chosen(scores: Sequence[Score], kind: str = "") -> list[Answer]:
-    """Answers at random moments of a kind, or of all kinds except steel; for steel with the additional moments."""
+    """Answers at random moments of one kind, by default of all kinds but steel; of steel also at the extra moments."""
     answers = [answer for score in scores for answer in score.answers]
     if kind == "steel":
         return [answer for answer in answers if answer.moment.kind == "steel"]
@@ -349,7 +349,7 @@ def run(
 def alone(
     bodies: Sequence[str], lives: int, processes: int, *, days: float, kinds: Sequence[str], names: Sequence[str]
 ) -> Iterator[str]:
-    """Yield a row for each kind of event and estimator, with no other kind of event."""
+    """Yield a row for each kind of event and each estimator; lives of a row have no other kind of event."""
     yield from (f"| events | estimator | {HEAD}", RULE)
     for kind in ("none", *kinds):
         some = run(bodies, lives, processes, days=days, kinds=[kind] if kind in KINDS else [], names=names)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 ANSWER: Final = firmware.answer_layout(firmware.HOST.real)
 BEFORE_ANSWER: Final = 12
-"""Bytes of `flinders_board` before its answer: dip, target and unit."""
+"""Number of bytes of `flinders_board` before its answer; they hold dip, target and unit."""
 BUFFER_BYTES: Final = 16384
 """Size of a buffer for a board, or its answer."""
 GOOD_VERDICT: Final = 1
@@ -60,7 +60,7 @@ class Board:
         np.frombuffer(memoryview(self._board), "<f4", 2)[:] = DIP_DEG, TARGET_DEG
 
     def add(self, chunk: Chunk) -> tuple[Report, ...]:
-        """Add readings with the milliseconds of the board's clock."""
+        """Add readings, with times in the milliseconds of a board's clock."""
         found = []
         for time, field in zip(chunk.time.tolist(), chunk.field.astype(np.float32), strict=True):
             if not self._is_on:

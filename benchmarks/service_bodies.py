@@ -80,11 +80,11 @@ class Diary:
 
     @property
     def hour(self) -> float:
-        """Hour of the day; a life begins at five o'clock, so that it contains a night."""
+        """Present hour of the day; a life begins at `FIRST_HOUR`, so that a life of one day contains a night."""
         return (self.now / HOUR + FIRST_HOUR) % 24.0
 
     def times(self, lasts: float, rate_hz: float) -> Floats:
-        """(n,) s of the next spell, from its beginning."""
+        """(n,) times of readings in the next spell, s from its beginning, at a rate in Hz."""
         return np.arange(0.0, min(lasts, self.end_s - self.now), 1.0 / rate_hz)
 
     def put(
@@ -122,7 +122,7 @@ class Diary:
         self.put(seconds, angles + swayed * [1.0, 0.2, 0.2], place=place, load=load, near=near)
 
     def off(self, lasts: float, angles: Floats, place: Floats | None = None) -> None:
-        """Append a time switched off; a rest if gaps are left out."""
+        """Append a time in which the body is switched off; a rest if the life has no gaps."""
         if "gaps" in self.kinds:
             self.now = min(self.now + lasts, self.end_s)
         else:
@@ -149,12 +149,12 @@ def seen(angles: Floats, world: Floats) -> Floats:
 
 
 def down_of(angles: Floats) -> Floats:
-    """(n, 3) gravity's direction in body axes."""
+    """(n, 3) directions of gravity in body axes, from (n, 3) yaw, pitch and roll."""
     return seen(angles, np.array([0.0, 0.0, 1.0]))
 
 
 def rates_of(seconds: Floats, angles: Floats) -> Floats:
-    """(n, 3) rad/s about body axes, of yaw, pitch and roll (n, 3)."""
+    """(n, 3) angular rates about body axes in rad/s, from (n, 3) yaw, pitch and roll."""
     if len(seconds) < 2:
         return np.zeros_like(angles)
     yaw, pitch, roll = np.gradient(angles, seconds, axis=0).T
@@ -163,7 +163,7 @@ def rates_of(seconds: Floats, angles: Floats) -> Floats:
 
 
 def keyed(seconds: Floats, lasts: Floats, steps: Floats) -> Floats:
-    """(n, columns) series that change by (m, columns) steps one after the other, each in (m,) s."""
+    """(n, columns) series that change by (m, columns) steps one after the other; each step lasts (m,) s."""
     at = np.concatenate([[0.0], np.cumsum(lasts)])
     values = np.concatenate([np.zeros((1, steps.shape[1])), np.cumsum(steps, axis=0)])
     return np.stack([np.interp(seconds, at, column) for column in values.T], axis=1)
@@ -361,7 +361,7 @@ class Body:
     swapped: float  #: probability of a step in a gap: another battery
 
     def spells(self, rng: Generator, days: float, kinds: Collection[str]) -> list[Spell]:
-        """Spells of some days."""
+        """Spells of `days` days in the life of this body."""
         diary = Diary(rng, days * DAY, kinds)
         self.day(diary)
         return diary.spells

@@ -54,11 +54,11 @@ GRID_S: Final = 10.0
 FADE_S: Final = 3.0 * HOUR
 """Time constant of a fading magnetisation."""
 MAX_CHUNK: Final = 200
-"""Most readings per chunk."""
+"""Largest number of readings in a chunk."""
 GYRO_NOISE, GYRO_BIAS = 0.005, 0.002
-"""rad/s: white noise of an angular rate, and one σ of its bias."""
+"""White noise of an angular rate, and 1 σ of its bias, rad/s."""
 TURNING_RAD_S: Final = 0.04
-"""Least yaw rate that counts as turning for a level body; four times that about any axis for others."""
+"""Smallest yaw rate of a turning level body, rad/s; for other bodies four times this rate about any axis."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,7 +189,7 @@ def gaps_of(spells: list[Spell], end_s: float) -> list[Event]:
 
 
 def magnets_of(spells: list[Spell]) -> list[Event]:
-    """Spells on a magnet."""
+    """Events of the spells in which a phone lies on a magnet."""
     sizes = [(spell, float(np.linalg.norm(spell.near, axis=1).max())) for spell in spells]
     return [
         Event(float(spell.seconds[0]), float(spell.seconds[-1]), "steel", size) for spell, size in sizes if size > 0.0
@@ -197,7 +197,7 @@ def magnets_of(spells: list[Spell]) -> list[Event]:
 
 
 def steel(rng: Generator, body: Body, seconds: Floats, place: Floats) -> list[Event]:
-    """Add the fields of steel that passes to those of the places, world axes."""
+    """Add the fields of passing steel to the local fields `place`, world axes; return the events."""
     hours = float(np.minimum(np.diff(seconds), 1.0).sum()) / HOUR
     events = []
     for _ in range(rng.poisson(body.steel_per_hour * hours)):
@@ -208,7 +208,7 @@ def steel(rng: Generator, body: Body, seconds: Floats, place: Floats) -> list[Ev
 
 
 def passing(rng: Generator, seconds: Floats, place: Floats, middle: float, lasts: float, peak: float) -> Event:
-    """Add a dipole on a straight line, unless it falls into the calibration turn."""
+    """Add the field of a dipole that passes on a straight line; without a field during the calibration turn."""
     event, direction = Event(middle - lasts / 2.0, middle + lasts / 2.0, "steel", peak), unit(rng)
     if event.begin > FIRST_S:
         rows = slice(*np.searchsorted(seconds, [event.begin, event.end]))
@@ -256,14 +256,14 @@ def offsets_of(
 
 
 def unit(rng: Generator) -> Floats:
-    """(3,) a random direction."""
+    """(3,) random unit vector."""
     direction = rng.standard_normal(3)
     scaled: Floats = direction / np.linalg.norm(direction)
     return scaled
 
 
 def stamped(rng: Generator, seconds: Floats) -> tuple[Floats, list[Event]]:
-    """(n,) time stamps of a clock with faults, and the events of these."""
+    """(n,) time stamps of a clock with faults, and the events of these faults."""
     per_day = max(1.0, 3.0 * seconds[-1] / (DAY))
     back = [-1.0] * rng.poisson(per_day)
     ahead = np.exp(rng.uniform(np.log(2.0), np.log(600.0), rng.poisson(per_day / 2.0)))

@@ -72,7 +72,7 @@ class Estimator(Protocol):
 
 
 def fitted(time: Floats, field: Floats) -> Fit | None:
-    """Fit of some readings, also a refused one; None without a fit."""
+    """Fit of readings, also a refused one; None if no ellipsoid fits them."""
     try:
         return flinders.fit(flinders.Samples.of(field, unit="uT", time=time), target_deg=TARGET_DEG)
     except Refused as refused:
@@ -306,7 +306,7 @@ class Observer:
 
 
 def turning(chunk: Chunk) -> NDArray[np.bool_]:
-    """(n,) whether the gyro reads more than 6° a second, as a recursion with forgetting diverges at rest."""
+    """(n,) whether the gyro reads more than 6° a second: at rest, a recursion with forgetting diverges."""
     turns: NDArray[np.bool_] = np.linalg.norm(chunk.rate, axis=1) > 0.1
     return turns
 

@@ -38,7 +38,7 @@ HEAD: Final = "| life | recording | what happened | in force | its own | apart |
 
 
 def replayed(folder: str, names: tuple[str, ...]) -> list[str]:
-    """A row for each recording."""
+    """Rows of a life, one for each recording."""
     online, begin, rows = None, 0.0, []
     for name in names:
         samples = flinders.read(FOLDER / folder / name)

@@ -80,7 +80,7 @@ def interleaved(
     seconds: float = 3.0,
     clock: Callable[[], float] = perf_counter,
 ) -> tuple[float, float]:
-    """Median seconds of two alternating calls, at least seven times each and for some seconds."""
+    """Median durations in seconds of two alternating calls, each repeated at least seven times and for `seconds`."""
     first(), second()
     times: list[tuple[float, float]] = []
     end = perf_counter() + seconds
@@ -93,7 +93,7 @@ def interleaved(
 def compared(
     label: str, ours: Callable[[Floats], object], plain: Callable[[Floats], object], n: int, limit: float | None
 ) -> str:
-    """Write a row of the table: recordings of n readings through both."""
+    """Row of the table: time of `ours` over that of `plain`, for recordings of n readings, with its limit."""
     fields = [readings(n, seed) for seed in range(RECORDINGS if n < MILLION else 1)]
     first, second = cycle(fields), cycle(fields)
     mine, other = interleaved(lambda: ours(next(first)), lambda: plain(next(second)), clock=thread_time)
@@ -128,7 +128,7 @@ def linearity() -> None:
 
 
 def memory() -> None:
-    """Print the memory of a fit of a million readings in addition to these, from its own process."""
+    """Print the memory that a fit of a million readings needs in addition to the readings, from its own process."""
     command = [sys.executable, "-m", "benchmarks.speed", MEMORY_OPTION]
     extra = float(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
     print("\n| extra memory at the peak | MB | limit |\n|---|---:|---:|")
@@ -136,7 +136,7 @@ def memory() -> None:
 
 
 def extra_megabytes() -> float:
-    """Peak of what NumPy and Python allocate during a fit of a million readings (NumPy reports to tracemalloc)."""
+    """Peak memory in MB that NumPy and Python allocate during a fit of a million readings (by tracemalloc)."""
     field = readings(MILLION)
     flinders.fit(field[:1000])  # exclude one-time imports and caches
     tracemalloc.start()
@@ -162,7 +162,7 @@ def _timed(call: Callable[[], object], clock: Callable[[], float] = thread_time)
 
 
 def _judged(value: float, limit: float | None) -> str:
-    """Write a number with its limit, in bold if beyond."""
+    """A number with its limit, in bold if it is beyond the limit."""
     if limit is None:
         return f"{value:.2f} | –"
     return f"{value:.2f} | {limit:g}" if value <= limit else f"**{value:.2f}** | {limit:g}"

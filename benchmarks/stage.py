@@ -118,7 +118,7 @@ class Program:
 
     @property
     def said(self) -> str:
-        """Output so far."""
+        """Output of the program so far."""
         return "".join(self._said)
 
     def kill(self) -> None:

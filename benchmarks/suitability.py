@@ -76,7 +76,7 @@ def is_doubted(fit: Fit, readings: Floats) -> bool:
 
 
 def row(name: str, trials: int) -> str:
-    """Row with the number of doubted recordings after a change."""
+    """Row of the table: number of fits, and number of recordings after the change that are doubted."""
     doubted = fits = 0
     for seed in range(trials):
         rng = np.random.default_rng([seed, 20])

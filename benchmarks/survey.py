@@ -51,11 +51,11 @@ SHOTS: Final = (12, 24, 56)
 NOISE: Final = 0.002
 POSES: Final = tuple(axis.ravel() for axis in np.meshgrid(AZIMUTHS_DEG, INCLINATIONS_DEG, ROLLS_DEG, indexing="ij"))
 SAP6_AXES: Final = ("x,y,-z", "-y,-x,z")
-"""Axes of its magnetometer and accelerometer."""
+"""Axes of the magnetometer and of the accelerometer of a SAP6."""
 
 
 class Trial(NamedTuple):
-    """(2,) of azimuth and inclination, in degrees, rms."""
+    """Errors of one fit in degrees, rms: (2,) for azimuth and inclination, with their claim and bound."""
 
     error: Floats
     claim: Floats
@@ -109,7 +109,7 @@ def errors_deg(fit: SurveyFit, simulated: SimulatedSurvey, quadratic: Floats) ->
 
 
 def bound_deg(simulated: SimulatedSurvey, aim_deg: float, quadratic: Floats) -> Floats:
-    """(2,) bounds of these errors, with quadratic terms if fitted."""
+    """(2,) bounds of the errors of azimuth and inclination, with quadratic terms if these are fitted."""
     shots = simulated.shots
     assert shots.groups is not None
     gravity = invert_quadratic(shots.gravity, quadratic)
@@ -153,7 +153,7 @@ def _row(trials: list[Trial], angle: int) -> str:
 
 
 def _means(fit: SurveyFit) -> str:
-    """Words on the azimuth of each direction with several shots, and their spread."""
+    """Words on the mean azimuth of each direction with several shots, and on the spread of these shots."""
     shots = fit.shots
     groups = [group for group in np.unique(shots.groups) if np.count_nonzero(shots.groups == group) > 1]
     azimuths = [float(np.mean(shots.angles.azimuth_deg[shots.groups == group])) for group in groups]

@@ -72,7 +72,7 @@ if TYPE_CHECKING:
     from flinders.simulate import Simulated, Trajectory
 
 SIGMA: Final = 0.5
-"""µT, noise of the S sets."""
+"""Noise of the simulated recordings, µT."""
 
 TILTS_DEG: Final = (0.0, 2.0, 5.0, 10.0, 20.0)
 ATTITUDE_NOISE_DEG: Final = 0.5
@@ -129,12 +129,12 @@ CONTESTANTS: Final[Mapping[str, Callable[[Samples], Answer]]] = {
 
 
 def sim_score(contestant: Callable[[Samples], Answer], name: str, seed: int) -> float:
-    """Error of the offset in mG."""
+    """Error of a method's offset on one recording of SIM1 or SIM2, mG."""
     return float(np.linalg.norm(contestant(sim(name, seed))[0] - OFFSET_MG))
 
 
 def sim_table(pool: ProcessPoolExecutor, seeds: int) -> Iterator[str]:
-    """Yield SIM1 and SIM2."""
+    """Yield the table of offset errors on SIM1 and SIM2."""
     yield "| set | method | offset, mG: median | worst |"
     yield "|---|---|---:|---:|"
     for name in ("SIM1", "SIM2"):
@@ -183,7 +183,7 @@ AIDED_FITS: Final[Mapping[str, tuple[tuple[str, ...], str, dict[str, Any]]]] = {
     "attitude": (("attitude",), "", {}),
     "rate, attitude, the site's field": (("rate", "attitude"), "both", {}),
 }
-"""Terms, known facts on the site, and uncertainties of the instruments."""
+"""Terms of each fit, facts on the site that it knows, and uncertainties of its instruments."""
 
 
 def trial(title: str, number: int) -> tuple[float, float] | None:
@@ -225,7 +225,7 @@ def aids_table(pool: ProcessPoolExecutor, trials: int) -> Iterator[str]:
 
 
 MOTIONS: Final = ("swayed", "hand", "rocked")
-"""S4t, all directions in a minute, and MAGYC's MAM in ten."""
+"""Motions: S4t, a tumble to all directions in one minute, and MAGYC's MAM in ten minutes."""
 
 CASES: Final[Mapping[str, tuple[tuple[str, ...], bool, float]]] = {
     "site": ((), True, 0.0),
@@ -315,7 +315,7 @@ def _motion(motion: str, rng: np.random.Generator) -> tuple[Trajectory, float, f
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scored:
-    """Errors (P,) and their claimed covariance (P, P); squared heading error found and claimed, degrees²."""
+    """(P,) errors and their (P, P) claimed covariance; squared heading error, actual and claimed, degrees²."""
 
     errors: Floats
     covariance: Floats
@@ -373,13 +373,13 @@ BLOCKS: Final = {
     "gyro bias": ("gyro_bias",), "gyro scales": ("gyro_scale",), "gyro mounting": ("gyro_turn",), "delay": ("delay",),
     "accelerometer": ("accelerometer",),
 }  # fmt: skip
-"""Columns of the table, with their blocks of parameters."""
+"""Columns of the table, each with its blocks of parameters."""
 
 
 def nees_table(
     pool: ProcessPoolExecutor, trials: int, motions: Sequence[str] = MOTIONS, cases: Sequence[str] | None = None
 ) -> Iterator[str]:
-    """Yield the squared errors over claimed variances: least and most of the parameters of each block."""
+    """Yield the squared errors over claimed variances: smallest and largest of the parameters of each block."""
     yield "| motion | aiding | " + " | ".join(BLOCKS) + " | b and S together | all together | heading over claim |"
     yield "|---|---|" + "---:|" * (len(BLOCKS) + 3)
     for motion, title in product(motions, cases or CASES):
@@ -396,7 +396,7 @@ def nees_table(
 
 
 def _least_and_most(means: Floats, layout: ParameterLayout, names: Sequence[str]) -> str:
-    """Least and most of the means of some blocks."""
+    """Smallest and largest mean of the parameters of some blocks."""
     some = [value for name in names if name in layout for value in means[layout.columns[name]].tolist()]
     if not some:
         return "–"
@@ -404,7 +404,7 @@ def _least_and_most(means: Floats, layout: ParameterLayout, names: Sequence[str]
 
 
 def _together(one: Scored, size: int) -> float:
-    """Squared length of the first errors in units of their claimed covariance, per parameter."""
+    """Squared length of the first `size` errors in units of their claimed covariance, per parameter."""
     errors = one.errors[:size]
     return float(errors @ np.linalg.solve(one.covariance[:size, :size], errors)) / size
 
@@ -481,7 +481,7 @@ def _rotation_ratio(fit: Fit) -> float:
 
 
 def magnet_table(pool: ProcessPoolExecutor, trials: int) -> Iterator[str]:
-    """Yield each motion and aid: verdicts, median and largest of the ratios."""
+    """Yield a row for each motion and aid: verdicts, median and largest of the ratios."""
     yield "| motion | aid | good, limited, refused | heading ÷ claim | offset ÷ claim | rotation ÷ claim |"
     yield "|---|---|---:|---:|---:|---:|"
     for motion, aiding in product(("hand", "rocked", "flight", "drive"), ("dip", "attitude")):
@@ -507,7 +507,7 @@ DRIVES: Final[Mapping[str, tuple[str, str]]] = {
     "gyro with a constant bias": ("rate", ""),
     "the same, and a bias that walks by 0.5 mrad/s in a second": ("rate", "walk"),
 }
-"""Aid, and its disturbance."""
+"""Aid of each kind of drive, and the disturbance of this aid."""
 
 
 def short_drive(disturbed: str, number: int) -> tuple[Simulated, Samples]:
@@ -568,7 +568,7 @@ def _heading_ratio(fit: Fit, recording: Simulated) -> float:
 
 
 def drives_table(pool: ProcessPoolExecutor, trials: int) -> Iterator[str]:
-    """Yield each aid: how often it is used, rms of the ratios, and share of those beyond 2."""
+    """Yield a row for each aid: how often it is used, rms of the ratios, and share of ratios above 2."""
     numbers = " | ".join(f"{which}: rms | beyond 2" for which in ("without", "with", "used on a level turn"))
     yield f"| aid | level turns | used, of these | {numbers} |"
     yield "|---|---:|---:|---:|---:|---:|---:|---:|---:|"
@@ -622,7 +622,7 @@ def erring(motion: str, errors: AttitudeErrors, number: int) -> tuple[Simulated,
 
 
 def erring_trial(motion: str, title: str, number: int) -> list[tuple[str, float, float, bool, bool]]:
-    """Results without and with the attitude: verdict, claim, error over claim, whether a gap is named, and use."""
+    """Results without and with the attitude: verdict, claim, error over claim, whether a gap is named, whether used."""
     recording, samples = erring(motion, ATTITUDES[title], number)
     found = []
     for aiding in ((), "attitude"):
@@ -638,7 +638,7 @@ def erring_trial(motion: str, title: str, number: int) -> list[tuple[str, float,
 
 
 def attitudes_table(pool: ProcessPoolExecutor, trials: int) -> Iterator[str]:
-    """Yield each motion and kind of errors: verdicts, median claim, rms of the ratios and share of those beyond 2."""
+    """Yield a row for each motion and error: verdicts, median claim, rms of the ratios, share of ratios above 2."""
     numbers = "good, limited, refused | gap named | claim | rms | beyond 2"
     yield f"| motion | attitude | without: {numbers} | with: {numbers} | used |"
     yield "|---|---|" + "---:|" * 11
@@ -656,7 +656,7 @@ def attitudes_table(pool: ProcessPoolExecutor, trials: int) -> Iterator[str]:
 
 
 def timed(seconds: float, rate_hz: float, terms: tuple[str, ...]) -> tuple[int, float, float]:
-    """Readings, CPU seconds and additional MiB of a fit; run in a separate process."""
+    """Number of readings, CPU seconds and additional memory in MiB of a fit; run in a separate process."""
     recording = simulate.tumble(1, motion="swayed", n=round(seconds * rate_hz), rate_hz=rate_hz)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     begun = time.process_time()

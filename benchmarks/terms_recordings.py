@@ -63,7 +63,7 @@ MIRRORED: Final = {"timspi_imu_gnss/imu_gnss_data.csv": np.array([-1.0, 1.0, 1.0
 
 NO_ERRORS: Final = np.zeros(9)
 MAX_ACCELERATION_SHARE: Final = 0.05
-"""Share of gravity: readings with an acceleration this close to the median show the vertical."""
+"""Largest distance of an acceleration that shows the vertical from the median acceleration, share of gravity."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -172,7 +172,7 @@ def between_deg(offset: Floats, shape: Floats, other_offset: Floats, other_shape
 
 
 def scripted_deg(offset: Floats, matrix: Floats) -> list[tuple[float, float]]:
-    """Median and spread, in degrees, of the headings of the scripted turns, at each of three."""
+    """Median and spread, in degrees, of the headings of the scripted turns, at each of the three headings."""
     samples = read(SCRIPTED)
     assert samples.acceleration is not None
     size = np.linalg.norm(samples.acceleration, axis=1)
@@ -207,7 +207,7 @@ def _off(headings: Floats, middles: Floats) -> Floats:
 
 
 def tables() -> Iterator[str]:
-    """Yield all of them."""
+    """Yield all tables of this module."""
     if not FOLDER.is_dir():
         yield f"no recordings in {FOLDER}: set FLINDERS_DATA to the folder that holds them"
         return

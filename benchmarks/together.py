@@ -55,7 +55,7 @@ BODIES: Final = {
 """Motion of a body, and number of readings at 50 Hz."""
 
 NOISES: Final = {"0.5, 0.5": (0.5, 0.5), "0.5, 2": (0.5, 2.0), "0.5, 0.5, 0.5": (0.5, 0.5, 0.5)}
-"""µT, of its sensors."""
+"""Noises of a body's sensors, µT."""
 
 DISTURBANCES_UT: Final = (0.0, 0.5, 1.0, 2.0, 5.0)
 
@@ -119,7 +119,7 @@ def nees_table(trials: int) -> Iterator[str]:
 
 
 def heading_deg(estimate: Estimate, sensor: Sensor, path: Simulated) -> float:
-    """Level heading error of an ellipsoid of one sensor."""
+    """Level heading error of the ellipsoid of one sensor, degrees."""
     matrix = np.linalg.inv(estimate.ellipsoid.shape)
     return heading_error_deg(matrix, estimate.ellipsoid.centre, replace(path, sensor=sensor))
 

@@ -69,7 +69,7 @@ def main() -> None:
 
 
 def lines(count: int) -> Iterator[str]:
-    """Lines of the table."""
+    """Yield the lines of the table."""
     yield (
         "| calibration flight | before, nT | held out, nT | error/claim as flown | on headings between "
         "| figure of merit, nT | after, nT | reduction/optimum | least of 95 % | good, limited, refused |"
@@ -80,7 +80,7 @@ def lines(count: int) -> Iterator[str]:
 
 
 def trial(seed: int, iron: float, **different: Any) -> Trial:
-    """Fly an aircraft three times."""
+    """Result of one aircraft: its calibration flight, and the flights on the same headings and on those between."""
     rng = np.random.default_rng(seed)
     drawn = Aircraft.random(rng)
     aircraft = Aircraft(iron * drawn.permanent, iron * drawn.induced, iron * drawn.eddy)

@@ -62,11 +62,11 @@ class Run:
     seconds: float  #: until good; infinite if never
     speed_deg: float
     turned_deg: float
-    words: int  #: changes of them
+    words: int  #: changes of the words on the page
 
 
 def play(asked: Sequence[dict[str, Any]]) -> list[Run]:
-    """Simulate users who turn sensors."""
+    """Simulate users who turn sensors, one for each row of `asked`, under Node.js."""
     given = {
         "modules": str(files("flinders.apps.live").joinpath("static")),
         "wasm": str(build.library(target=build.WEB_PLATFORM)),

@@ -64,7 +64,7 @@ SECONDS: Final = 60.0
 
 @dataclass(frozen=True, slots=True)
 class Thin:
-    """One fit and the truth, degrees."""
+    """Claimed, true and raw heading error of one fit, degrees."""
 
     verdict: str
     claimed: float
@@ -174,7 +174,7 @@ def road(rng: Generator, places: Floats, length_m: float) -> Floats:
 
 
 def along(rng: Generator, path: Path, *, share: float) -> Floats:
-    """(M, 3) field variation along a road, a share of the strength."""
+    """(M, 3) variation of the field along a road, µT; `share` is its rms as a share of the field strength."""
     field: Floats = share * STRENGTH_UT / np.sqrt(3.0) * road(rng, path.places, 20.0)
     return field
 
@@ -201,7 +201,7 @@ def dipoles(places: Floats, at: Floats, moments: Floats) -> Floats:
 
 
 def varied(rng: Generator, path: Path, *, share: float) -> Floats:
-    """(M, 3) field variation within `REACH_M` of the middle of the path, a share of the strength."""
+    """(M, 3) variation of the field along a path, µT; `share` is its rms around the middle over the strength."""
     directions = rng.standard_normal((4, 3))
     at = rng.uniform(1.0, 3.0, 4)[:, None] * directions / np.linalg.norm(directions, axis=1)[:, None]
     moments = rng.standard_normal((4, 3)) * np.linalg.norm(at, axis=1)[:, None] ** 3

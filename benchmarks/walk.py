@@ -87,7 +87,7 @@ def _layers() -> dict[str, int]:
 
 
 def _layer(file: str) -> int:
-    """The layer of a file."""
+    """Layer of a file, the highest 0."""
     return _layers()[file.partition("/")[0].removesuffix(".py")]
 
 
@@ -108,7 +108,7 @@ def walked(run: Callable[[Path], None]) -> Walk:
 
 
 def a_reading(folder: Path) -> None:
-    """From a CSV file to the exported header."""
+    """Run from a CSV file to the exported header."""
     log, result, header = folder / "tumble.csv", folder / "calibration.json", folder / "calibration.h"
     field = _tumble().field
     log.write_text("mx_uT,my_uT,mz_uT\n" + "".join(f"{x:.2f},{y:.2f},{z:.2f}\n" for x, y, z in field.tolist()))
@@ -129,7 +129,7 @@ def _three_tumbles() -> Floats:
 
 
 def a_row_group(folder: Path, workers: int = 1) -> None:
-    """From a row group of a Parquet file to a row of the table; a worker process is not traced."""
+    """Run from a row group of a Parquet file to a row of the table; a worker process is not traced."""
     import pyarrow as pa
     from pyarrow import parquet
 
@@ -142,7 +142,7 @@ def a_row_group(folder: Path, workers: int = 1) -> None:
 
 
 def a_line(_: Path) -> None:
-    """From a line of a serial port to the frame for pages, without port, recorder and socket."""
+    """Run from a line of a serial port to the frame for pages, without port, recorder and socket."""
     from flinders.apps.live.buffer import ReadingBuffer, Timeline, rows_of
     from flinders.apps.live.messages import readings_frame
     from flinders.links.transcript import Transcript
@@ -163,12 +163,12 @@ def a_line(_: Path) -> None:
 
 
 def an_array(_: Path) -> None:
-    """From an array to its fit."""
+    """Run from an array to its fit."""
     flinders.fit(_tumble().field, unit="uT")
 
 
 def a_session(_: Path) -> None:
-    """From the readings of a session to its final calibration."""
+    """Run from the readings of a session to its final calibration."""
     from flinders.apps.live.buffer import ReadingBuffer, rows_of
     from flinders.apps.live.finished import FinishInputs, finish_calibration
     from flinders.apps.live.messages import Edits

@@ -58,7 +58,7 @@ class Unit:
 
 
 def write(unit: Unit, folder: str) -> None:
-    """Simulate the unit, and save the state."""
+    """Simulate the unit, and save the state of its online calibration in the folder."""
     time, field, *_ = walked_days(1000 + unit.number, days=unit.days, walk=unit.true_walk)
     if unit.has_step:
         field[time > unit.days * 43200.0] += STEP
@@ -68,7 +68,7 @@ def write(unit: Unit, folder: str) -> None:
 
 
 def row(units: Sequence[Unit], pool: ProcessPoolExecutor) -> str:
-    """One fleet."""
+    """Row of the table: one fleet of units with the same walk and duration."""
     found: list[UnitWalk] = []
     with tempfile.TemporaryDirectory() as folder:
         list(pool.map(write, units, [folder] * len(units)))

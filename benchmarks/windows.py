@@ -62,7 +62,7 @@ class Part(NamedTuple):
 
 
 def fitted(samples: Samples) -> Fit | None:
-    """Fit of readings, also a refused one; None without a fit."""
+    """Fit of readings, also a refused one; None if no ellipsoid fits them."""
     try:
         return flinders.fit(samples)
     except Refused as refusal:
@@ -86,7 +86,7 @@ def difference(ours: Floats, theirs: Floats) -> Floats:
 
 
 def of_kind(samples: Samples, whole: Fit, kind: str) -> Samples:
-    """The recording, unchanged or corrected by the whole."""
+    """The recording as one of `KINDS`: unchanged, or corrected with the fit of the whole."""
     if kind == "as recorded":
         return samples
     if kind == "offset alone":
@@ -171,7 +171,7 @@ def repeats() -> Iterator[str]:
 
 
 def ratios(first: Fit, second: Fit) -> list[float]:
-    """Difference over its claim: of all nine, without the strength, of each of `GROUPS`, of the strength."""
+    """Difference over its claim: of all nine parameters, without the strength, of each of `GROUPS`, of the strength."""
     ours, theirs = first.calibration.ellipsoid.parameters, second.calibration.ellipsoid.parameters
     whole, apart = first.claim.covariance + second.claim.covariance, difference(ours, theirs)
     scaled = scaled_off(first) + scaled_off(second)

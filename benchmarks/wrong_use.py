@@ -50,7 +50,7 @@ HOME: Final = (47.6, 11.0)
 
 YEAR: Final = 2026.9
 KM: Final = 1.0 / 111.2
-"""Degrees of latitude in a kilometre."""
+"""Degrees of latitude in one kilometre."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -226,7 +226,7 @@ CASES: Final[Mapping[str, tuple[Callable[[str, int, float], Attack], tuple[float
 
 
 def codes_of(attack: Attack) -> tuple[str, ...]:
-    """Codes of findings on instruments; ``refused`` with the reason without a fit."""
+    """Codes of the findings on instruments; without a fit, ``refused`` and the reason."""
     if attack.disturbances:
         try:
             findings = fit(attack.samples, disturbances=attack.disturbances).findings

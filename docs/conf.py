@@ -34,15 +34,15 @@ warnings.filterwarnings("ignore", message="Unknown section Configuration")  # of
 # Nitpicky about this package's own public names; those of Python, NumPy and type checkers are not linked.
 nitpicky = True
 APPS = "fleet.(dataset|keys|options|plan|progress|storage|summary)|vehicles.targets.autopilot"
-INNER = rf"flinders\.(.*\._\w+|estimators\.(auto|rests)|apps\.({APPS}))\..*"  # named in signatures, and told by nobody
+INNER = rf"flinders\.(.*\._\w+|estimators\.(auto|rests)|apps\.({APPS}))\..*"  # occur in signatures, but have no page
 nitpick_ignore_regex = [(r"py:.*", r"(?!flinders\.).*"), (r"py:.*", INNER)]
 nitpick_ignore = [("py:class", "flinders.core.calibration.Frame")]  # a variable of types
-suppress_warnings = ["misc.highlighting_failure"]  # of sessions that show files, whose apostrophes open no string
+suppress_warnings = ["misc.highlighting_failure"]  # sessions show files with single apostrophes
 autodoc_inherit_docstrings = False
 
 
 def made_once(make):
-    """Make one environment of Jinja: numpydoc makes one for each docstring, and compiles its template 8,000 times."""
+    """Share one environment of Jinja: numpydoc creates one a docstring, and compiles its template 8,000 times."""
     made = []
 
     def environment(loader):
@@ -57,7 +57,7 @@ docscrape_sphinx.SandboxedEnvironment = made_once(docscrape_sphinx.SandboxedEnvi
 
 
 def keep_bars(_app, _what, _name, _object, _options, lines):
-    """Let |x| in a docstring be a length: reStructuredText would take it for a substitution."""
+    """Escape the bars of a length |x| in a docstring, which reStructuredText would read as a substitution."""
     example = False
     for number, line in enumerate(lines):
         example = line.lstrip().startswith(">>>") or (example and bool(line.strip()))

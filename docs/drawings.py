@@ -17,7 +17,7 @@ IMAGES: Final = Path(__file__).resolve().parent / "images"
 PACKAGE: Final = Path(flinders.__file__).parent
 SHEET: Final = "apps/live/static/page.css"
 STEPS: Final = {"board": 3, "drone": 3, "boat": 1, "car": 1}
-"""Bodies, and how many of their turns are drawn: the second circle of a vehicle looks like its first."""
+"""Number of turns to draw for each body; one for a vehicle, whose circles look alike."""
 DRAW: Final = """async (body) => {
     const { Hand } = await import("/src/apps/live/static/views/hand.js");
     const { SEQUENCES } = await import("/src/apps/live/static/standalone/choreography.js");

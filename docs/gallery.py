@@ -1,4 +1,4 @@
-"""Makes the drawings of docs/gallery.md: ``python -m docs.gallery`` runs what stands under each.
+"""Makes the drawings of docs/gallery.md: ``python -m docs.gallery`` runs the code under each.
 
 A block that writes ``NAME.svg`` makes ``docs/images/gallery-NAME.svg``.
 """
@@ -27,7 +27,7 @@ WRITES_SVG: Final = re.compile(r"\b(\w+)\.svg")
 
 
 def blocks() -> Iterator[tuple[str, str, str]]:
-    """Name of the drawing, language and text of each block that makes one."""
+    """Yield name of the drawing, language and text of each block that makes a drawing."""
     for language, text in BLOCK.findall((DOCS / "gallery.md").read_text(encoding="utf-8")):
         if made := WRITES_SVG.search(text):
             yield made[1], language, text

@@ -74,7 +74,7 @@ QUESTIONS: Final = {
 }
 """What newcomers type, and the page that answers."""
 SHOWN: Final = 3
-"""Results that people look at."""
+"""Number of first results that people look at."""
 PROGRAM: Final = """
 const { readFileSync } = require("node:fs");
 const vm = require("node:vm");
@@ -109,7 +109,7 @@ def results(html: Path, questions: list[str]) -> list[list[str]]:
 
 
 def main() -> None:
-    """Search for all questions, and say which do not find their page."""
+    """Search for all questions, and print those that do not find their page."""
     html = Path(sys.argv[1])
     missed = 0
     for (question, page), found in zip(QUESTIONS.items(), results(html, list(QUESTIONS)), strict=True):

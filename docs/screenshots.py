@@ -34,9 +34,9 @@ if TYPE_CHECKING:
 
 IMAGES: Final = Path(__file__).resolve().parent / "images"
 NOTEBOOK: Final = "notebook-"
-"""Begins the names of figures that a notebook shows."""
+"""Start of the names of figures that a notebook shows."""
 LARGEST: Final = 250_000
-"""Bytes of a picture."""
+"""Largest size of a picture, bytes."""
 DESK: Final[ViewportSize] = {"width": 1280, "height": 800}
 PHONE: Final = {"width": 390, "height": 844}
 WAIT_MS: Final = 30_000
@@ -51,19 +51,19 @@ TURNED: Final = "flinders.store.state.seconds > 18 && flinders.store.view.guidan
 
 @dataclass(frozen=True, slots=True)
 class Shot:
-    """One picture: which readings, how they are looked at, and what is done before.
+    """One picture: its readings, the settings of the browser, and the keys to press before.
 
     Attributes
     ----------
     name : str
-        Of the file.
+        Name of the file.
     readings : str
         ``good`` or ``wrong``: see `log`; ``collecting`` is the simulated sensor while it is turned.
     scheme : str
     options : dict
         Of the browser.
     keys : tuple of str
-        Pressed when all is there.
+        Keys to press once the page is complete.
     """
 
     name: str
@@ -90,13 +90,13 @@ REPORTS: Final = {
     "report-light": ("light", 1300), "report-dark": ("dark", 1300), "fleet-light": ("light", 1320),
     "drift-dark": ("dark", 1320), "watch-light": ("light", 1310), "watch-dark": ("dark", 1310),
 }  # fmt: skip
-"""Reports: how they are looked at, and how much of them, in pixels."""
+"""Pictures of reports: colour scheme and height in pixels of each."""
 STANDALONE: Final = ("page-start-light", "page-columns-light")
 """Pictures of the page that needs no program: its first view, and the choice of columns."""
 STATION: Final = ("station-fail-dark", "station-fail-light", "station-testing-dark")
 """Pictures of the page of a station: while a unit is turned, and with one that fails."""
 UNITS: Final = 300
-"""Of the fleet, a tenth of them with a fault."""
+"""Number of units of the fleet; a tenth of them has a fault."""
 
 
 def log(readings: str, folder: Path) -> Path:
@@ -150,7 +150,7 @@ def shoot(browser: Browser, shot: Shot, folder: Path) -> Path:
             page.keyboard.press(key)
         if "f" in shot.keys:
             until(page, "document.querySelector('#preview').textContent.length > 20")
-        page.wait_for_timeout(1500)  # until what moves has come to rest
+        page.wait_for_timeout(1500)  # until animations have ended
         path = _saved(page, shot.name)
         context.close()
     return path
@@ -158,12 +158,12 @@ def shoot(browser: Browser, shot: Shot, folder: Path) -> Path:
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """A state of the page: what is listened to, when it is there, and what is pressed then."""
+    """A state of the page: its source of readings, the condition that it is reached, and the keys to press then."""
 
-    readings: str = ""  # as `log` takes it
+    readings: str = ""  # an argument of `log`
     ready: str = SETTLED
     keys: tuple[str, ...] = ()
-    source: tuple[str, ...] = ("--udp", "48123")  # where there are no readings
+    source: tuple[str, ...] = ("--udp", "48123")  # options of the source if there are no readings
 
 
 STATES: Final = {
@@ -235,7 +235,7 @@ def station(browser: Browser, name: str, folder: Path) -> Path:
 
 
 def standalone(browser: Browser, name: str, folder: Path) -> Path:
-    """Take a picture of the page that needs no program: at its beginning, or as it asks for the columns of a log."""
+    """Take a picture of the page without a program: at its start, or when it asks for the columns of a log."""
     from flinders.apps.live.standalone import package
 
     package.write(folder / name)
@@ -284,7 +284,7 @@ def _calibrate(folder: Path) -> list[str]:
 
 
 def _fleet(folder: Path) -> list[str]:
-    """A line with three batches of hardware, of which one has many units that something is wrong with."""
+    """Simulate three batches of hardware, one of them with many faulty units; return the command's arguments."""
     import pyarrow
     from pyarrow import parquet
 
@@ -303,7 +303,7 @@ def _fleet(folder: Path) -> list[str]:
 
 
 def _drift(folder: Path) -> list[str]:
-    """A fleet over two years, in which batteries were moved."""
+    """Simulate a fleet over two years in which batteries are moved; return the command's arguments."""
     from benchmarks.drift import Fleet, simulated
     from pyarrow import parquet
 
@@ -313,7 +313,7 @@ def _drift(folder: Path) -> list[str]:
 
 
 def _watch(folder: Path) -> list[str]:
-    """A week of a boat whose calibration keeps itself."""
+    """Simulate a week of a boat; return the command's arguments for online calibration."""
     week = str(folder / "week.csv")
     subprocess.run([sys.executable, "-m", "flinders", "simulate", "boat", "-o", week], check=True, capture_output=True)
     return ["watch", "--replay", week]
@@ -327,12 +327,12 @@ def notebook(kind: str) -> Path:
 
 
 def _saved(page: Page, name: str) -> Path:
-    """Write what the page looks like, in fewer colours where it would be too large.
+    """Save a picture of the page, in fewer colours if it would be larger than `LARGEST`.
 
     Raises
     ------
     ValueError
-        Where it is too large all the same.
+        If the picture is too large even so.
     """
     from PIL import Image
 
@@ -349,7 +349,7 @@ def _saved(page: Page, name: str) -> Path:
 
 
 def main() -> None:
-    """Take those that are named, or all."""
+    """Take the named pictures, or all."""
     asked = sys.argv[1:]
     if asked[:1] == ["--states"]:
         with chromium() as browser:

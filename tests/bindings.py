@@ -1,7 +1,7 @@
-"""What each binding of the judge says of the same readings: Python, many at once, the page under Node.js, a board.
+"""Answers of each binding of the judge for the same readings: Python, many fits at once, the page, a board.
 
-``python -m tests.bindings READINGS.npy`` compiles the engine of the package that it finds, quickly, and prints that of
-readings in µT as JSON.
+``python -m tests.bindings READINGS.npy`` compiles the engine of the package that it finds, without optimisation, and
+prints the answers for readings in µT as JSON.
 """
 
 from __future__ import annotations
@@ -51,16 +51,16 @@ return given.asked.map((each) => {
 
 
 class Said(NamedTuple):
-    """What a binding says of a fit.
+    """Answer of a binding about a fit.
 
     Attributes
     ----------
     findings : dict
-        Severity of each finding by its code.
+        Severity of each finding, by code.
     checked : list of str
-        Codes of the findings that it looks for.
+        Codes of the findings that the binding looks for.
     advice : dict
-        What to do, by the code of each finding that follows from no other; empty where the binding has no words.
+        Advice by code, for each finding that follows from no other; empty if the binding has no words.
     """
 
     findings: dict[str, str]
@@ -69,7 +69,7 @@ class Said(NamedTuple):
 
     @classmethod
     def of(cls, severities: Sequence[int], checked: Sequence[int], advice: dict[str, str] | None = None) -> Said:
-        """What numbers for each finding of the catalogue say."""
+        """Answer from numbers for each finding of the catalogue."""
         found: dict[str, str] = {
             code: SEVERITIES[each] or "" for code, each in zip(ENGINE_FINDINGS, severities, strict=True) if each
         }
@@ -77,17 +77,17 @@ class Said(NamedTuple):
         return cls(found, looked_for, advice or {})
 
     def among(self, codes: Sequence[str]) -> dict[str, str]:
-        """The findings with these codes."""
+        """Severities of the findings with these codes."""
         return {code: severity for code, severity in self.findings.items() if code in codes}
 
     def verdict_among(self, codes: Sequence[str]) -> str:
-        """The verdict that the findings with these codes make."""
+        """Verdict by the findings with these codes only."""
         found = self.among(codes).values()
         return next((verdict for verdict in ("refuses", "limits") if verdict in found), "good")
 
 
 def python(samples: Samples) -> Said:
-    """What `flinders.fit` says."""
+    """Answer of `flinders.fit`."""
     fit = firmware.fit_of(samples)
     assert fit is not None
     advice = {finding.code: finding.advice for finding in first_causes(fit.findings)}
@@ -95,7 +95,7 @@ def python(samples: Samples) -> Said:
 
 
 def many(each: Sequence[Samples]) -> list[Said]:
-    """What one call of the engine says of recordings of one unit."""
+    """Answers of one call of the engine for recordings of one unit."""
     request = engine().request(is_microtesla=each[0].unit.inside == MICROTESLA)
     field = np.concatenate([samples.field for samples in each])
     judgements = engine().judge_many(engine().fit_many(field, np.cumsum([0, *map(len, each)])), request)
@@ -103,21 +103,21 @@ def many(each: Sequence[Samples]) -> list[Said]:
 
 
 def _checked(judgement: Records) -> list[int]:
-    """Whether each finding was looked for, 1 or 0."""
+    """1 for each finding that was looked for, else 0."""
     library = ctypes.CDLL(str(build.library()))
     quantities = np.ascontiguousarray(judgement["quantities"]).ctypes
     return [library.flinders_is_checked(rule, ctypes.c_void_p(quantities.data)) for rule in range(len(ENGINE_FINDINGS))]
 
 
 def page(each: Sequence[Samples]) -> list[Said]:
-    """What the page that needs no program says."""
+    """Answers of the page without a program."""
     wasm = base64.b64encode(build.library(target=build.WEB_PLATFORM).read_bytes()).decode()
     asked = [case_of(samples).asked for samples in each]
     return list(starmap(Said.of, run(EVALUATE, {"wasm": wasm, "data": data(), "asked": asked})))
 
 
 def board(each: Sequence[Samples]) -> list[Said]:
-    """What a board says, compiled for this machine in single precision."""
+    """Answers of a board, compiled for this machine in single precision."""
     with tempfile.TemporaryDirectory() as folder:
         program = firmware.build(firmware.HOST, Path(folder), optimise="-O0")
         answers = [
@@ -128,13 +128,13 @@ def board(each: Sequence[Samples]) -> list[Said]:
 
 
 def said(samples: Samples) -> dict[str, Said]:
-    """What each binding says of a recording."""
+    """Answer of each binding for a recording."""
     one = [samples]
     return {"python": python(samples), "many": many(one)[0], "page": page(one)[0], "board": board(one)[0]}
 
 
 def main(readings: str) -> None:
-    """Compile the engine, and print what each binding says."""
+    """Compile the engine, and print the answer of each binding."""
     for target, level in ((build.THIS_PLATFORM, "-O0"), (build.WEB_PLATFORM, "-O1")):  # without it zig links sanitizers
         made = build.library_path(target=target)
         made.parent.mkdir(exist_ok=True)

@@ -1,4 +1,4 @@
-"""A boat that sails in a current, what its compass reads, and its log as NMEA 0183, NMEA 2000 and Signal K."""
+"""A boat that sails in a current, with the readings of its compass and its log: NMEA 0183, NMEA 2000, Signal K."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ TRUTH = np.array([0.8, 3.0, -2.0, 1.5, 0.5])
 
 @dataclass(frozen=True)
 class Boat:
-    """Headings of a boat by time, magnetic, what its compass reads and how it moves over ground."""
+    """Magnetic headings of a boat over time, the readings of its compass, and its motion over ground."""
 
     time: Floats
     heading: Floats
@@ -50,7 +50,7 @@ class Boat:
         noise: float = 0.5,
         lag: float = 0.0,
     ) -> Boat:
-        """Move along headings at 3 m/s, `current` north + i east, `leeway` its amplitude over the heading, degrees."""
+        """Move along headings at 3 m/s; `current` is north + i east, `leeway` is an amplitude over the heading in °."""
         time = step * np.arange(len(heading))
         yaw = heading + 2.0 * np.sin(2.0 * np.pi * time / 6.0 + rng.uniform(0.0, 6.0))
         late = np.interp(time - lag, time, yaw)
@@ -71,13 +71,13 @@ class Boat:
 
 
 def octagon(leg_s: int = 60) -> Floats:
-    """Eight legs, 45° apart, with turns of 15 s between."""
+    """Headings of eight legs, 45° apart, with turns of 15 s between them."""
     parts = [np.append(np.full(leg_s, 45.0 * side), 45.0 * side + 3.0 * np.arange(15.0)) for side in range(8)]
     return np.concatenate(parts)
 
 
 def circles(rate: float = 1.5, *, is_both: bool = True) -> Floats:
-    """A circle clockwise, and one back, two readings a second."""
+    """Headings of a clockwise circle, and of one back, at two readings per second."""
     there = np.arange(0.0, 370.0, rate / 2.0)
     return np.append(there, there[::-1]) if is_both else there
 
@@ -87,7 +87,7 @@ def nmea_line(body: str) -> str:
 
 
 def angle(degrees: float, width: int) -> str:
-    """Degrees and minutes, as a position has them."""
+    """Degrees and minutes in the form of a position in NMEA 0183."""
     return f"{int(degrees):0{width}d}{60.0 * (degrees % 1.0):07.4f}"
 
 

@@ -1,4 +1,4 @@
-"""What all tests share: real recordings, golden files, numbers of trials, hypothesis profiles."""
+"""Shared parts of all tests: real recordings, golden files, numbers of trials, hypothesis profiles."""
 
 from __future__ import annotations
 
@@ -69,13 +69,13 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_xdist_auto_num_workers() -> int:
-    """One worker more than cores: tests that drive a browser or a serial port wait for most of their time."""
+    """Number of workers: one more than cores, as tests with a browser or a serial port mostly wait."""
     return (os.cpu_count() or 1) + 1
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collect_file(file_path: Path) -> Generator[None, list[pytest.Collector], list[pytest.Collector]]:
-    """A file of tests has no examples: looking for them takes as long as to collect its tests."""
+    """Collect no doctests from files of tests; a search for them takes as long as the collection of tests."""
     collectors = yield
     is_of_tests = file_path.name.startswith("test_")
     return [one for one in collectors if not (is_of_tests and isinstance(one, DoctestModule))]
@@ -83,7 +83,7 @@ def pytest_collect_file(file_path: Path) -> Generator[None, list[pytest.Collecto
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """A test with a number of trials is a claim, which ``pytest -m claims`` runs with all of them. Long files begin."""
+    """Mark tests with a number of trials as claims, for ``pytest -m claims``, and sort long files first."""
     for item in items:
         if "trials" in getattr(item, "fixturenames", ()):
             item.add_marker(pytest.mark.claims)
@@ -91,7 +91,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Spare the collector of garbage the thousands of tests, which stay until the end."""
+    """Keep the garbage collector from scanning the thousands of tests, which stay until the end."""
     gc.collect()
     gc.freeze()
 
@@ -106,10 +106,10 @@ def trials(pytestconfig: pytest.Config) -> Choose:
 
 @pytest.fixture(scope="session")
 def recordings() -> Callable[[str], Path]:
-    """Find a real recording: ``recordings("michaelwro_fxos8700/mag-readings.txt")``.
+    """Path of a real recording: ``recordings("michaelwro_fxos8700/mag-readings.txt")``.
 
-    They live in the folder that FLINDERS_DATA names, else in ``shared/data`` beside the project. Without them a test
-    is skipped; on CI it fails.
+    Recordings are in the folder FLINDERS_DATA, else in ``shared/data`` next to the project. Without them a test is
+    skipped; on CI it fails.
     """
 
     def find(name: str) -> Path:
@@ -126,7 +126,7 @@ def recordings() -> Callable[[str], Path]:
 
 @pytest.fixture(autouse=True)
 def page_of_80_columns(request: pytest.FixtureRequest) -> None:
-    """Golden tests have a terminal of 80 columns, as help is as wide as that, in an empty folder."""
+    """Run golden tests in an empty folder, with a terminal of 80 columns, which is the width of help."""
     if request.path.parent.name == "golden" or request.path.stem.endswith("_golden"):
         monkeypatch = request.getfixturevalue("monkeypatch")
         monkeypatch.setenv("COLUMNS", "80")

@@ -1,4 +1,4 @@
-"""How the direction of the corrected field depends on a calibration, written out as the engine does not."""
+"""Derivatives of the corrected field's direction with respect to a calibration, independent of the engine's code."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 
 
 def direction_gradients(ellipsoid: Ellipsoid, directions: Floats) -> Floats:
-    """(K, 3, 9) how the corrected field's direction changes with (b, S) at each of (K, 3) unit directions, rad/unit.
+    """(K, 3, 9) derivatives of the corrected field's direction with respect to (b, S), at (K, 3) directions, rad/unit.
 
-    Three rows a direction, of which two would do: the rows of (1 − uuᵀ) S⁻¹, so that no axis is preferred.
+    Each direction has three rows, of which two would be enough: those of (1 − uuᵀ) S⁻¹, so that no axis is preferred.
     """
     across = np.eye(3)[:, np.newaxis] - directions.T[:, :, np.newaxis] * directions  # (3, K, 3), the columns of 1 − uuᵀ
     vectors = np.linalg.solve(ellipsoid.shape, across.reshape(3, -1))

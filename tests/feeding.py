@@ -1,4 +1,4 @@
-"""Feeds in tests: a board that sends, what was recorded of it, and readings asked for until there are enough."""
+"""Feeds in tests: a board that sends, the recording of its lines, and readings requested until there are enough."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def joined(blocks: list[Samples]) -> Samples:
-    """Readings that came in several blocks, as one; each of them has the same columns."""
+    """Blocks of readings with the same columns, joined to one."""
     if not blocks:
         return Samples.of(np.empty((0, 3)))
     parts = {name: [getattr(block, name) for block in blocks] for name in COLUMNS}
@@ -33,7 +33,7 @@ def joined(blocks: list[Samples]) -> Samples:
 
 
 def asked(feed: Feed, until: Callable[[Samples, list[FeedEvent]], bool]) -> tuple[Samples, list[FeedEvent]]:
-    """Ask until there is enough."""
+    """Call a feed until `until` is true; returns readings and events."""
     blocks: list[Samples] = []
     events: list[FeedEvent] = []
     give_up = time.monotonic() + PATIENCE_S
@@ -47,7 +47,7 @@ def asked(feed: Feed, until: Callable[[Samples, list[FeedEvent]], bool]) -> tupl
 
 
 def free_port() -> int:
-    """A port that no program gets without asking for it, so that it stays free while nobody listens there."""
+    """A port that no program gets unless it asks for it: it stays free as long as nobody listens on it."""
     numbers = np.random.default_rng()
     for port in numbers.integers(20_000, 30_000, 100).tolist():
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe, contextlib.suppress(OSError):
@@ -57,7 +57,7 @@ def free_port() -> int:
 
 
 class UdpBoard(threading.Thread):
-    """A board that sends a line every two milliseconds over UDP, whether or not anybody listens."""
+    """A board that sends a line every 2 ms over UDP, whether or not anybody listens."""
 
     def __init__(self, port: int, count: int = 5000) -> None:
         super().__init__(daemon=True)
@@ -81,7 +81,7 @@ class UdpBoard(threading.Thread):
 
 
 def recorded(path: Path) -> list[str]:
-    """The field of each row, as it was sent; none where there is no file yet."""
+    """The field in each row of a recording, as it was sent; none if the file does not exist yet."""
     text = path.read_text(encoding="utf-8") if path.exists() else ""
     rows = [line for line in text.splitlines() if line[:1].isdigit()]
     return [row.partition(",")[2] for row in rows]

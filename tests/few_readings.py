@@ -1,4 +1,4 @@
-"""How true the heading error is that a fit of few readings claims."""
+"""Truth of the heading error that a fit of few readings claims."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FIELD: Final = 48.0
 
 
 def poses(rng: np.random.Generator, count: int) -> Floats:
-    """(count, 3) directions all around, about as even as a surveyor makes them."""
+    """(count, 3) directions on the whole sphere, about as even as those of a surveyor."""
     turned = simulate.fibonacci(count) @ simulate.turns(rng.standard_normal((1, 3)))[0]
     apart = turned + 0.2 * rng.standard_normal(turned.shape)
     even: Floats = apart / np.linalg.norm(apart, axis=1, keepdims=True)
@@ -28,13 +28,13 @@ def poses(rng: np.random.Generator, count: int) -> Floats:
 
 
 def iron(rng: np.random.Generator, method: str) -> Floats:
-    """(3, 3) what a sensor makes of a field: mild soft iron, or none for a method that knows of none."""
+    """(3, 3) soft iron of a sensor: mild, or none for a method that does not model it."""
     mixed = rng.uniform(-0.1, 0.1, (3, 3))
     return np.eye(3) if method == "sphere" else np.eye(3) + mixed + mixed.T
 
 
 def ratio(seed: int, method: str, count: int) -> float:
-    """True over claimed worst level heading error."""
+    """Ratio of the true to the claimed worst level heading error."""
     rng = np.random.default_rng([seed, count])
     shape, offset = iron(rng, method), rng.uniform(-50.0, 50.0, 3)
     field = FIELD * poses(rng, count) @ shape + offset + 0.2 * rng.standard_normal((count, 3))

@@ -1,4 +1,4 @@
-"""A log of ArduPilot with two simulated compasses, of which the first has offsets, and a place."""
+"""A log of ArduPilot with two simulated compasses, the first of which has offsets, and with a position."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ OFFSETS: Final = {"MAG": (905, -668, -342), "MAG2": (0, 0, 0)}
 def dataflash(
     first: Floats | None = None, *, week: int = 2400, offset: tuple[int, int, int] = OFFSETS["MAG"]
 ) -> Iterator[bytes]:
-    """Yield its messages.
+    """Yield the messages of a log.
 
-    `first` is what the first compass reads at 10 Hz, µT, `offset` its COMPASS_OFS in mG, and `week` that of the
-    satellites.
+    `first` are the readings of the first compass at 10 Hz in µT, `offset` is its COMPASS_OFS in mG, and `week` is the
+    GPS week.
     """
     offsets = {**OFFSETS, "MAG": offset}
     yield _said("FMT", 128, 89, "BBnNZ", "Type,Length,Name,Format,Columns")
@@ -50,13 +50,13 @@ def dataflash(
 
 
 ROUND: Final = simulate.Sensor(np.eye(3), np.array([-30.0, 20.0, 40.0]), noise=0.3)
-"""A compass without soft iron, so that its offset is all that a log has to say."""
+"""A compass without soft iron; a log states its calibration completely by offsets."""
 RIGHT: Final = (300, -200, -400)
-"""COMPASS_OFS that is right for it."""
+"""COMPASS_OFS that is right for the compass `ROUND`."""
 
 
 def round_flight(offset: tuple[int, int, int] = RIGHT, motion: str = "uniform") -> bytes:
-    """A log whose first compass is `ROUND`, with an offset on board that is right for it, or another one."""
+    """Log whose first compass is `ROUND`, with the onboard offset that is right for it, or with another one."""
     field = simulate.tumble(seed=3, sensor=ROUND, motion=motion, n=1000).samples.field
     return b"".join(dataflash(field, offset=offset))
 

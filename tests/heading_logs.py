@@ -1,4 +1,4 @@
-"""Logs of one sensor with an accelerometer, of which the headings are known."""
+"""Logs of one sensor with an accelerometer, with known headings."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ HEADER = "t_s,mx_uT,my_uT,mz_uT,ax,ay,az"
 
 
 def turned(heading: Floats, roll: Floats | float = 0.0, pitch: Floats | float = 0.0) -> Floats:
-    """(N, 3, 3) from north, east, down to the body."""
+    """(N, 3, 3) rotations from north, east, down to the axes of the body."""
     h, r, p = np.deg2rad(np.broadcast_arrays(heading, roll, pitch))
     zero, one = np.zeros_like(h), np.ones_like(h)
     about_x = np.array([[one, zero, zero], [zero, np.cos(r), np.sin(r)], [zero, -np.sin(r), np.cos(r)]])
@@ -37,7 +37,7 @@ def turned(heading: Floats, roll: Floats | float = 0.0, pitch: Floats | float = 
 
 
 def log_of(body: Floats, *, start: float = 0.0, noise: float = 0.0) -> Floats:
-    """Time, raw field in µT and specific force of these attitudes, ten readings a second."""
+    """Time, raw field in µT and specific force for some attitudes, at 10 Hz."""
     rng = np.random.default_rng(3)
     raw = np.linalg.solve(MATRIX, (body @ FIELD).T).T + OFFSET + noise * rng.standard_normal((len(body), 3))
     force = body @ np.array([0.0, 0.0, -9.81]) + 0.05 * noise * rng.standard_normal((len(body), 3))
@@ -52,7 +52,7 @@ def write(name: str, log: Floats, header: str = HEADER) -> str:
 
 
 def swinging(stops: Floats, *, noise: float = 0.2) -> Floats:
-    """A log that rests ten seconds on each heading."""
+    """A log that rests on each heading for ten seconds."""
     headings: list[float] = []
     for before, after in zip(stops, [*stops[1:], stops[-1]], strict=True):
         headings += [before] * 100 + np.linspace(before, after, max(int(abs(after - before) / 3.0), 1)).tolist()
@@ -61,7 +61,7 @@ def swinging(stops: Floats, *, noise: float = 0.2) -> Floats:
 
 
 def calibrated(n: int) -> None:
-    """A calibration of the same sensor from `n` noisy readings, with its uncertainty."""
+    """Calibration of the same sensor from `n` noisy readings, with its uncertainty."""
     rng = np.random.default_rng(5)
     raw = (
         np.linalg.solve(MATRIX, 50.0 * simulate.uniform_directions(rng, n).T).T
@@ -72,7 +72,7 @@ def calibrated(n: int) -> None:
 
 
 def with_rotation_error(off_deg: float, claimed_deg: float) -> None:
-    """Turn the calibration by so much about the body's x axis, with that claim about each axis."""
+    """Rotate the calibration by an angle about the body's x axis, with a claim about each axis."""
     known = load("calibration.json")
     turn = rotations(np.array([[np.radians(off_deg), 0.0, 0.0]]))[0]
     turned = replace(known.calibration, matrix=turn @ known.calibration.matrix, rotation="estimated")
@@ -82,7 +82,7 @@ def with_rotation_error(off_deg: float, claimed_deg: float) -> None:
 
 
 def tumbling(count: int = 600) -> tuple[Floats, Floats]:
-    """Headings and attitudes all round."""
+    """Headings and attitudes in all directions."""
     rng = np.random.default_rng(8)
     heading = rng.uniform(0.0, 360.0, count)
     return heading, turned(heading, rng.uniform(-180.0, 180.0, count), rng.uniform(-80.0, 80.0, count))

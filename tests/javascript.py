@@ -1,4 +1,4 @@
-"""Modules of the page, run by Node.js: a program is given data as JSON, and what it returns comes back."""
+"""Modules of the page, run by Node.js: a program gets data as JSON, and returns JSON."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ RUN_S: Final = 60.0
 
 
 def node() -> str:
-    """Node.js: that of the system, else the one that Playwright brings."""
+    """Path of Node.js: of the system, or else the one that Playwright installs."""
     return shutil.which("node") or str(Path(playwright.__file__).parent / "driver" / "node")
 
 
 def modules() -> str:
-    """The folder ``standalone`` of the page."""
+    """Address of the folder ``standalone`` of the page."""
     return str(files("flinders.apps.live").joinpath("static", "standalone"))
 
 
@@ -32,7 +32,7 @@ def run(program: str, given: object) -> Any:  # noqa: ANN401 - as JSON
     program : str
         Body of a function of `given` and `load(name)`, which imports a module.
     given : object
-        JSON; bytes have to be written in base64.
+        Data for JSON; bytes must be written in base64.
     """
     source = f"""
 import {{ readFileSync }} from "node:fs";

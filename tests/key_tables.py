@@ -1,4 +1,4 @@
-"""Tables of all public keys, made from the code: fields of records, keys of ``as_dict``, and the comments beside them.
+"""Tables of all public keys, made from the code: fields of records, keys of ``as_dict``, and the comments next to them.
 
 >>> [key.name for key in keys_of("core.calibration_file:HeadingErrorRecord")][:2]
 ['rms', 'worst']
@@ -22,7 +22,7 @@ UNITS: Final = {
     "_m_s": "m/s", "_per_s": "1/s", "_per_root_s": "unit/√s", "_deg": "°", "_s": "s", "_hz": "Hz", "_nT": "nT",
     "_uT": "µT", "_m": "m", "seconds": "s",
 }  # fmt: skip
-"""Units that the end of a key states."""
+"""Units that the end of a key's name states."""
 
 STATED: Final = re.compile(
     r"^(?:\([^)]*\),? )?(µT|nT|m/s²|rad/s|rad²|degrees²|degrees|s)(?=[:,;]|$)"
@@ -34,7 +34,7 @@ FIT = (
     "fitting.fit_json:json_of fitting.result:Judgement fitting.result:Fit fitting.evidence:Disturbances "
     "fitting.evidence:Residuals fitting.evidence:Diagnosis fitting.evidence:Evidence fitting.claim:Claim"
 )
-"""A fit, and the values that it consists of."""
+"""Sources for a fit: the record, and the values that it consists of."""
 
 PAGE: Final[Mapping[str, Mapping[str, str]]] = {
     "Calibration file": {
@@ -162,7 +162,7 @@ PAGE: Final[Mapping[str, Mapping[str, str]]] = {
         "`chip.candidates`, each": "workflows.chip_proposal:ChipCandidate",
         "`chips --json`, by name": "core.chips:Chip",
         "`settings`, each": "core.chips:ChipSetting",
-        "`record --json`": "links.transcript:RecordingStatistics",
+        "`record --json`": "links.recording_statistics:RecordingStatistics",
         "`watch --json`, `watch --status`": "apps.service.reports:Report",
         "`live --json`": "apps.live.cli.live:_as_dict",
         "`station --json`": "apps.live.cli.station:_as_dict",
@@ -174,7 +174,7 @@ PAGE: Final[Mapping[str, Mapping[str, str]]] = {
         "`targets --json`, by name": "targets._target:Target",
     },
 }  # fmt: skip
-"""Sections of the page: what each table is of, and the record, function or records that it is made from."""
+"""Sections of the page: the title of each table, and the records or functions that it is made from."""
 
 
 class Key(NamedTuple):
@@ -192,14 +192,14 @@ def page() -> str:
 
 
 def _table(entry: tuple[str, str]) -> str:
-    """A heading, what the record is, and its keys."""
+    """Markdown of a table: heading, name of the record, and keys."""
     heading, source = entry
     rows = (f"| `{key.name}` | {key.unit} | {key.meaning} |\n" for key in keys_of(source))
     return f"### {heading}\n\n| key | unit | meaning |\n|---|---|---|\n{''.join(rows)}\n"
 
 
 def keys_of(source: str) -> tuple[Key, ...]:
-    """Keys of a record or function, ``module:name``; others after it are asked for the meanings that it lacks."""
+    """Keys of a record or function, ``module:name``; further sources give the meanings that the first one lacks."""
     made, *others = (_found(name) for name in source.split())
     fields = _fields(made) if inspect.isclass(made) else {}
     known = {name: words for other in others if inspect.isclass(other) for name, words in _fields(other).items()}
@@ -207,14 +207,14 @@ def keys_of(source: str) -> tuple[Key, ...]:
 
 
 def _found(name: str) -> type:
-    """Look a name up."""
+    """The type or function with a name."""
     module, _, attribute = name.partition(":")
     found: type = getattr(import_module(f"flinders.{module}"), attribute)
     return found
 
 
 def _key(name: str, words: str) -> Key:
-    """A key, with the unit that its name or its comment states."""
+    """Key with the unit that its name or its comment states."""
     by_name = next((unit for end, unit in UNITS.items() if name.endswith(end)), "")
     stated = STATED.search(words)
     unit = by_name or (next(filter(None, stated.groups())) if stated else "")
@@ -225,7 +225,7 @@ def _key(name: str, words: str) -> Key:
 
 
 def _named(made: type) -> Iterator[tuple[str, str]]:
-    """Names of keys in their order, with the comments beside them in ``as_dict``."""
+    """Yield names of keys in order, with their comments in ``as_dict``."""
     function = getattr(made, "as_dict", None) if inspect.isclass(made) else made
     if function is None or hasattr(made, "__struct_fields__"):
         tag = getattr(getattr(made, "__struct_config__", None), "tag_field", None)
@@ -245,7 +245,7 @@ def _named(made: type) -> Iterator[tuple[str, str]]:
 
 
 def _parts(made: type, function: Callable[..., object]) -> Iterator[Callable[..., object]]:
-    """Private methods, or functions beside it, that make a part of the keys."""
+    """Yield private methods, or functions of the module, that make some of the keys."""
     home = made if inspect.isclass(made) else inspect.getmodule(function)
     for name in re.findall(r"\*(?:self\.)?(_\w+_as_dict)\(", inspect.getsource(function)):
         yield getattr(home, name)

@@ -1,4 +1,4 @@
-"""Packages of npm that tests alone need: from web/node_modules, else fetched, held to web/package-lock.json."""
+"""Packages of npm that only tests need: from web/node_modules, or else downloaded, by web/package-lock.json."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ NPM_S: Final = 60.0
 
 
 def package(name: str, folder: Path, missing: Callable[[str], NoReturn]) -> Path:
-    """Find a package that web/package-lock.json names, or let npm fetch it into a folder.
+    """Folder of a package that web/package-lock.json names; if it is missing, npm downloads it.
 
     Parameters
     ----------
     name : str
     folder : Path
-        Empty.
+        Empty folder for the download.
     missing : callable
-        Is told why it cannot be had, and ends the test.
+        Called with the reason why the package is missing; it ends the test.
     """
     lock = json.loads((WEB / "package-lock.json").read_text(encoding="utf-8"))["packages"][f"node_modules/{name}"]
     installed = WEB / "node_modules" / name
@@ -36,7 +36,7 @@ def package(name: str, folder: Path, missing: Callable[[str], NoReturn]) -> Path
 
 
 def _fetched(name: str, lock: dict[str, Any], folder: Path, missing: Callable[[str], NoReturn]) -> Path:
-    """Let npm fetch the one package, held to its content."""
+    """Download one package with npm, and check its hash."""
     npm = shutil.which("npm")
     if npm is None:
         missing(f"{name} is not in web/node_modules, and there is no npm to fetch it")

@@ -1,6 +1,6 @@
-"""The likelihood in NumPy: the formulas that the engine is held to, written as they stand in the literature.
+"""The likelihood in NumPy, as in the literature: reference for the engine.
 
-`flinders.likelihood` and docs/model.md say why each step is taken.
+`flinders.likelihood` and docs/model.md give the reason for each step.
 """
 
 from __future__ import annotations
@@ -31,83 +31,86 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.estimators.data import Readings
 
-STRETCHES, STRETCH = 12, 1024
-"""Stretches of consecutive readings, and readings in each, that tell how residuals are correlated."""
+MAX_STRETCHES, STRETCH_READINGS = 12, 1024
+"""Largest number of stretches of consecutive readings, and readings in each, by which correlation is estimated."""
 
-ENOUGH, SOME = 20_000, 5_000
-"""Readings up to which the fit is iterated on all; a longer recording is gone through once, from a fit to some."""
+MAX_ITERATED_READINGS, PART_READINGS = 20_000, 5_000
+"""Largest number of readings that are all iterated on; for more, readings in the part whose fit comes first."""
 
-NEAR: Final = 3.0
-"""Standard deviations up to which a step of all readings from the start is the only one."""
+MAX_SINGLE_STEP_SIGMAS: Final = 3.0
+"""Largest step in standard deviations that all readings take from the fit of a part, without a second step."""
 
-PASSES: Final = 3
-"""Through the whole of a long recording: one takes up what its part has left, and another is seldom needed."""
+MAX_PASSES: Final = 3
+"""Largest number of passes through a long recording. The first corrects the fit of the part; more are seldom needed."""
 
-STEPS: Final = 50
-"""Gauss–Newton steps; five are usual, more are taken along what is hardly seen."""
+MAX_STEPS: Final = 50
+"""Largest number of Gauss–Newton steps. Five are usual; directions that readings hardly determine need more."""
 
-LONGEST_STEP: Final = 0.3
-"""Of the radius: a longer step leaves the region in which the surface is like its tangent."""
+MAX_STEP_RATIO: Final = 0.3
+"""Largest step relative to the radius; a longer one leaves the region where the surface is near its tangent."""
 
-HALVINGS: Final = 30
-"""Of a step, after which a billionth of it is left, and none is worth taking."""
+MAX_HALVINGS: Final = 30
+"""Largest number of halvings of a step, after which a billionth of it is left."""
 
-NOTHING: Final = 1e-3
-"""Share of the information that the prior may have before it is looked at more closely than by an upper bound."""
+MIN_PRIOR_SHARE: Final = 1e-3
+"""Upper bound of the prior's share of the information above which the share is computed exactly."""
 
-SETTLED, SETTLED_BUT_FOR_ONE = 1e-10, 1e-5
-"""Of the radius: steps shorter than this are not taken. The corrected equation is solved by one more step anyway."""
+MIN_STEP_RATIO, MIN_UNCORRECTED_STEP_RATIO = 1e-10, 1e-5
+"""Smallest steps relative to the radius. With the second the corrected equation still takes one step."""
 
-LEAST_GAIN, LEFT_OUT = 1e-3, 0.02
-"""Of χ², and standard deviations: a step that gains no more, and leaves out no more, is the last."""
+MIN_COST_GAIN, MAX_OMITTED_SIGMAS = 1e-3, 0.02
+"""Limits below which a step is the last: its relative gain of χ², and what it omits, in standard deviations."""
 
-FEW_POINTS, MANY_POINTS, NEXT_TO_NOTHING = 200, 2_000, 0.005
-"""Readings from which noise-induced information is computed, and the share of it below which the fewer will do."""
+FEW_INFORMATION_READINGS, MANY_INFORMATION_READINGS, MIN_NOISE_SHARE = 200, 2_000, 0.005
+"""Readings for noise-induced information, and its share below which the smaller number is enough."""
 
-LARGE: Final = 0.08
-"""Noise, of the field, from which on a step that takes residuals for small is not made."""
+MAX_SMALL_NOISE: Final = 0.08
+"""Largest noise relative to the field for which a step may assume that residuals are small."""
 
-NO_WORSE: Final = 0.01
-"""In χ²: a step that costs less is taken. The foot-point equation has its root beside the minimum of Σ s²."""
+MAX_COST_INCREASE: Final = 0.01
+"""Largest increase of χ² by an accepted step: the root of the foot-point equation is not the minimum of Σ s²."""
 
-SHORTEST_AXIS: Final = 1e-4
-"""Of the longest: a flatter surface is no ellipsoid that a sensor makes, and a step into it is cut short."""
+MIN_AXIS_RATIO: Final = 1e-4
+"""Smallest ratio of the shortest to the longest axis of an ellipsoid; a step to a flatter one is shortened."""
 
 
-FEW: Final = 50
-"""Fewer readings than this say nothing of their correlation."""
+MIN_CORRELATED_READINGS: Final = 50
+"""Smallest number of readings from which their correlation is estimated."""
 
-SMOOTH: Final = np.deg2rad(30.0)
-"""Angle over which a distortion that belongs to the direction stays alike."""
+DISTORTION_ANGLE: Final = np.deg2rad(30.0)
+"""Angle in rad over which a distortion that depends on the direction stays similar."""
 
-PROVEN: Final = 3.0
-"""The same for a distortion that belongs to directions: what is not there would cost the claim much."""
+MIN_PROVEN_RATIO: Final = 3.0
+"""Smallest ratio of the variance that visits share to its noise, for a distortion by direction to be proven."""
 
-FEWEST_CELLS: Final = 20
-"""Cells with readings in which a distortion is looked for that visits do not prove."""
+MIN_CELLS: Final = 20
+"""Smallest number of cells with readings in which a distortion is searched that visits do not prove."""
 
-DISTORTIONS: Final = 0.0625 * 4.0 ** np.arange(8)
-"""Its variance over that of white noise."""
+DISTORTION_RATIOS: Final = 0.0625 * 4.0 ** np.arange(8)
+"""Variances of a distortion that are tried, relative to that of white noise."""
 
-PLAIN, AS_LIKELY, AGREEMENT = 15.0, 0.6, 0.4
-"""Bits over white noise, share of those of slow noise, and of what it says different visits agree on."""
+MIN_GAIN_BITS, MIN_SLOW_GAIN_SHARE, MIN_AGREEMENT = 15.0, 0.6, 0.4
+"""Needs of a distortion: bits over white noise, share of slow noise's bits, agreement of visits."""
 
-VARIATIONS: Final = np.array([0.0, 0.0005, 0.001, 0.002, 0.004, 0.008, 0.016])
-"""What is thought of the field's variation with the place beforehand, a share of its strength, …"""
+FIELD_VARIATIONS: Final = np.array([0.0, 0.0005, 0.001, 0.002, 0.004, 0.008, 0.016])
+"""Variations of the field with the place that are tried, relative to its strength."""
 
-PROBABLE: Final = np.array([0.02, 0.13, 0.2, 0.25, 0.25, 0.1, 0.05])
-"""… and how probable each is."""
+PRIOR_PROBABILITIES: Final = np.array([0.02, 0.13, 0.2, 0.25, 0.25, 0.1, 0.05])
+"""Prior probability of each of `FIELD_VARIATIONS`."""
 
-THIN, HIDDEN, TOLD, TAKEN = 0.06, 3.0, 15.0, 200
-"""Least variance of spread directions; factor of the variance; bits of proven slow noise; readings looked at."""
+MIN_SPREAD_VARIANCE, HIDDEN_VARIANCE_FACTOR, PROVEN_NOISE_BITS, MAX_SCATTER_READINGS = 0.06, 3.0, 15.0, 200
+"""Limits of the variation that few directions hide, and the readings by which its scatter is computed.
 
-MOST_FREEDOM: Final = 1.3
-"""Correction for the nine fitted parameters, at most: with few independent readings the sum is too rough."""
+They are: the variance of directions above which these are spread; the factor on the hidden variance; the bits that
+prove slow noise; the number of readings."""
+
+MAX_FREEDOM_FACTOR: Final = 1.3
+"""Largest correction for the nine fitted parameters; with few independent readings the sum is too uncertain."""
 
 
 @dataclass(frozen=True, slots=True)
 class NumpyLikelihood:
-    """As `flinders.estimators.likelihood.Likelihood`, of readings in memory."""
+    """`flinders.estimators.likelihood.Likelihood` for readings in memory."""
 
     prior: float | None = prior.SOFT_IRON_SPREAD
     bias_correction: bool = True
@@ -115,7 +118,9 @@ class NumpyLikelihood:
     def estimate(self, readings: Readings) -> Estimate:
         """Fit readings in memory."""
         ellipsoid = start_ellipsoid(readings)
-        some = _Some.of(readings.thin(SOME if len(readings) > ENOUGH else ENOUGH, ""))
+        some = _Some.of(
+            readings.thin(PART_READINGS if len(readings) > MAX_ITERATED_READINGS else MAX_ITERATED_READINGS, "")
+        )
         if not some.spread:  # all alike, as what the rails of a sensor leave of a turn can be
             raise NotAnEllipsoid(method="")
         estimate, ellipsoid = self._fitted(readings, some, ellipsoid)
@@ -123,10 +128,12 @@ class NumpyLikelihood:
             raise Undetermined(estimate.support.unobserved)
         correlation = None
         covariance = estimate.covariance
-        if not estimate.plain and len(readings) >= FEW:
+        if not estimate.plain and len(readings) >= MIN_CORRELATED_READINGS:
             segments, moments, has_parts = segments_of(readings), moments_of(readings), len(readings.parts) > 0
             directions = foot_directions(np.concatenate(segments), ellipsoid)
-            variance = HIDDEN * expected_variation(np.concatenate(segments), directions, ellipsoid, segments)
+            variance = HIDDEN_VARIANCE_FACTOR * expected_variation(
+                np.concatenate(segments), directions, ellipsoid, segments
+            )
             jacobian = magnitude.information(directions, ellipsoid)
             scatter, correlation, residuals = correlated(segments, len(readings), ellipsoid)
             covariance = estimate.widened(scatter, correlation)
@@ -141,9 +148,9 @@ class NumpyLikelihood:
                     step, slow, explained, gain, strength = estimate.slowed(
                         residuals, moments, ellipsoid, has_parts=has_parts
                     )
-                variance = max(variance, strength if gain >= TOLD else 0.0)
+                variance = max(variance, strength if gain >= PROVEN_NOISE_BITS else 0.0)
                 covariance = raised(covariance, explained)
-                if math.sqrt(estimate.variance) < LARGE * float(ellipsoid.shape.trace()) / 3.0:
+                if math.sqrt(estimate.variance) < MAX_SMALL_NOISE * float(ellipsoid.shape.trace()) / 3.0:
                     covariance += slow - explained
                     ellipsoid = _moved(ellipsoid, step)
             variation = estimate.support.project(variation_scatter(directions, jacobian, len(readings)))
@@ -162,7 +169,7 @@ class NumpyLikelihood:
         )
 
     def _fitted(self, readings: Readings, some: _Some, begun: Ellipsoid) -> tuple[_Posterior, Ellipsoid]:
-        """The last step and where it starts: by all of many readings at once where it is short, else behind a part."""
+        """The last step and its start; for many readings all are used at once if the step from a part is short."""
         is_long = len(some) < len(readings)
         if is_long:
             estimate = self._seen(readings.blocks(""), begun, some)
@@ -170,7 +177,7 @@ class NumpyLikelihood:
             if _is_near(step, estimate.covariance, begun.radius):
                 return estimate, _closed(begun, step)
         estimate = self._settled(some, begun)
-        for _ in range(PASSES if is_long else 1):
+        for _ in range(MAX_PASSES if is_long else 1):
             if is_long:
                 estimate = self._seen(readings.blocks(""), estimate.ellipsoid, some)
             step = self._unbiased(estimate).step()
@@ -180,30 +187,30 @@ class NumpyLikelihood:
         return estimate, ellipsoid
 
     def _settled(self, some: _Some, ellipsoid: Ellipsoid) -> _Posterior:
-        """Iterate until the steps vanish or none makes the fit better."""
+        """Iterate until steps vanish, or until no step improves the fit."""
         now = self._seen([some.field], ellipsoid, some)
-        for _ in range(STEPS):
+        for _ in range(MAX_STEPS):
             step = now.equations.step()
             largest = float(np.abs(step).max()) / now.ellipsoid.radius
-            is_last = now.is_last(step) if self.bias_correction else largest <= SETTLED
-            better = None if is_last else self._improved(now, step * min(1.0, LONGEST_STEP / largest))
+            is_last = now.is_last(step) if self.bias_correction else largest <= MIN_STEP_RATIO
+            better = None if is_last else self._improved(now, step * min(1.0, MAX_STEP_RATIO / largest))
             if better is None:
                 break
             now = better
         return now
 
     def _improved(self, now: _Posterior, step: Floats) -> _Posterior | None:
-        """Take the longest of a step, its half, its quarter … that leaves the surface closed and the fit no worse.
+        """Take the longest of a step, half of it, a quarter … that keeps the surface closed and the fit as good.
 
-        Along a direction that the readings do not see, their cost only follows the noise and is not asked.
+        Along a direction that readings do not determine, their cost follows the noise only, and is not compared.
         """
-        for _ in range(HALVINGS):
+        for _ in range(MAX_HALVINGS):
             moved = _moved(now.ellipsoid, step)
             if _is_closed(moved):
                 tried = self._seen([now.some.field], moved, now.some, sound=now.sound or is_sound(now.support))
                 if not tried.sound and now.support.unobserved:
                     return tried
-                if tried.cost(now.variance) <= now.cost(now.variance) + NO_WORSE:
+                if tried.cost(now.variance) <= now.cost(now.variance) + MAX_COST_INCREASE:
                     return tried
             step = step / 2.0
         return None
@@ -220,7 +227,7 @@ class NumpyLikelihood:
         return _Posterior(ellipsoid, likelihood, believed, some, plain=not self.bias_correction, sound=sound)
 
     def _unbiased(self, posterior: _Posterior) -> NormalEquations:
-        """Take off the mean of the gradient that noise causes; a part of the readings speaks for all."""
+        """Subtract the mean gradient that noise causes, estimated from a part of the readings."""
         if not self.bias_correction:
             return posterior.equations
         share = posterior.likelihood.count / len(posterior.some)
@@ -233,7 +240,7 @@ class NumpyLikelihood:
             return 0.0
         believed = prior.equations(posterior.ellipsoid, spread=self.prior).matrix
         at_most = float(np.sum(posterior.covariance * believed))
-        if at_most < NOTHING:
+        if at_most < MIN_PRIOR_SHARE:
             return at_most
         return float(np.clip(np.real(np.linalg.eigvals(posterior.covariance @ believed)).max(), 0.0, 1.0))
 
@@ -257,21 +264,21 @@ def exact_equations(blocks: Iterable[Floats], ellipsoid: Ellipsoid) -> NormalEqu
 
 
 def is_sound(support: Support) -> bool:
-    """All directions are seen, none of them badly."""
+    """Whether all directions are well determined."""
     return bool(support.values[0] > MIN_SOUND_EIGENVALUE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Some:
-    """Readings that are gone through again and again.
+    """Readings through which a fit iterates.
 
     Attributes
     ----------
     field : (M, 3) float
     middle : (3,) float
-        Their mean.
+        Mean reading.
     spread : float
-        Root mean square distance from it.
+        Root mean square distance of the readings from their mean.
     """
 
     field: Floats
@@ -280,7 +287,7 @@ class _Some:
 
     @classmethod
     def of(cls, field: Floats) -> Self:
-        """Look at them once."""
+        """Compute mean and spread of readings."""
         middle = np.einsum("ij->j", field) / len(field)
         square = float(np.einsum("ij,ij", field, field)) / len(field) - float(middle @ middle)
         return cls(field, middle, float(np.sqrt(max(square, 0.0))))
@@ -291,22 +298,22 @@ class _Some:
 
 @dataclass(frozen=True, eq=False)
 class _Posterior:
-    """What the readings and the prior say near an ellipsoid.
+    """Normal equations of the readings and of the prior, linearized at an ellipsoid.
 
     Attributes
     ----------
     ellipsoid : Ellipsoid
-        Where they were linearized.
+        Ellipsoid at which they are linearized.
     likelihood : NormalEquations
-        Of the readings, in their unit.
+        Equations of the readings, in their unit.
     prior : NormalEquations
-        In standard deviations.
+        Equations of the prior, in standard deviations.
     some : _Some
-        Readings that stand for all where an average is asked for.
+        Readings from which averages over all are estimated.
     plain : bool
-        Claim what the textbook claims, without regard to noise-induced information.
+        Whether the claim ignores noise-induced information, as in textbooks.
     sound : bool
-        A step before has shown that all directions are seen well.
+        Whether an earlier step has shown that all directions are well determined.
     """
 
     ellipsoid: Ellipsoid
@@ -323,7 +330,7 @@ class _Posterior:
 
     @cached_property
     def variance(self) -> float:
-        """Noise variance that the readings are weighed with: no sensor resolves a millionth of the field."""
+        """Noise variance for the weights of readings; no sensor resolves a millionth of the field."""
         return max(self.noise, MIN_NOISE * self.ellipsoid.radius) ** 2
 
     @cached_property
@@ -339,25 +346,25 @@ class _Posterior:
 
     @cached_property
     def support(self) -> Support:
-        """Which directions the readings see."""
+        """Directions in parameter space that readings determine."""
 
         def spurious(most: int) -> Floats:
             points = self.some.field[:: max(1, len(self.some) // most)]
             share = self.likelihood.count / len(points)
             return share * spurious_information(corrected_directions(points, self.ellipsoid), self.ellipsoid)
 
-        support = Support.of(self.weighed.matrix, lambda: spurious(FEW_POINTS))
-        if support.share.max() <= NEXT_TO_NOTHING:
+        support = Support.of(self.weighed.matrix, lambda: spurious(FEW_INFORMATION_READINGS))
+        if support.share.max() <= MIN_NOISE_SHARE:
             return support
-        return Support.of(self.weighed.matrix, lambda: spurious(MANY_POINTS))
+        return Support.of(self.weighed.matrix, lambda: spurious(MANY_INFORMATION_READINGS))
 
     def combined(self, weighed: NormalEquations) -> NormalEquations:
-        """What the readings say of what they see, and the prior."""
+        """Equations of the readings for the directions that they determine, plus those of the prior."""
         return self.prior + (weighed if self.sound else self.support.remove_unobservable(weighed))
 
     @cached_property
     def equations(self) -> NormalEquations:
-        """Of both, in standard deviations."""
+        """Equations of readings and prior, in standard deviations."""
         return self.combined(self.weighed)
 
     @cached_property
@@ -377,7 +384,7 @@ class _Posterior:
     def slowed(
         self, residuals: Residuals, moments: Floats, ellipsoid: Ellipsoid, *, has_parts: bool
     ) -> tuple[Floats, Floats, Floats, float, float]:
-        """What `averaged` gives, of generalised least squares with slow noise."""
+        """Result of `averaged`: generalised least squares with slow noise."""
         rows = np.column_stack([residuals.jacobian, residuals.distances])
         series = Series.of(rows, moments, residuals.segments, has_parts=has_parts)
         white = np.einsum("ni,n,nj->ij", series.rows, series.counts, series.rows)
@@ -391,30 +398,30 @@ class _Posterior:
         return averaged(series, bent, onto, self.prior.matrix, prior_gradient, square)
 
     def is_last(self, step: Floats) -> bool:
-        """Whether the last step may be one as short as this."""
+        """Whether a step is short enough to be the last."""
         radius, likelihood = self.ellipsoid.radius, self.likelihood
         largest, least = float(np.abs(step).max()), self.noise / math.sqrt(likelihood.count)
-        if largest <= SETTLED_BUT_FOR_ONE * radius:
+        if largest <= MIN_UNCORRECTED_STEP_RATIO * radius:
             return True
-        is_bent = largest * (largest + self.noise) / radius > LEFT_OUT * least
-        gains = float(step @ likelihood.matrix @ step) > LEAST_GAIN * likelihood.cost
+        is_bent = largest * (largest + self.noise) / radius > MAX_OMITTED_SIGMAS * least
+        gains = float(step @ likelihood.matrix @ step) > MIN_COST_GAIN * likelihood.cost
         return not (is_bent or gains) and is_sound(self.support)
 
     def cost(self, variance: float) -> float:
-        """χ² of the readings for a noise variance, and the prior's."""
+        """χ² of the readings for a noise variance, plus χ² of the prior."""
         return self.likelihood.cost / variance + self.prior.cost
 
 
 def segments_of(readings: Readings) -> list[Floats]:
-    """Some consecutive readings, spread over the recordings; all of them where they are not too many."""
-    if len(readings) <= STRETCHES * STRETCH:
+    """Stretches of consecutive readings, spread over the recordings; all readings if they are few."""
+    if len(readings) <= MAX_STRETCHES * STRETCH_READINGS:
         return [part.thin(len(part), "") for part in readings.single_recordings if len(part)]
-    every = -(-len(readings) // STRETCHES)
+    every = -(-len(readings) // MAX_STRETCHES)
     segments: list[Floats] = []
     seen = 0
     for part in readings.single_recordings:
         for block in part.blocks(""):
-            segments += [block[begin : begin + STRETCH] for begin in range(-seen % every, len(block), every)]
+            segments += [block[begin : begin + STRETCH_READINGS] for begin in range(-seen % every, len(block), every)]
             seen += len(block)
     return segments
 
@@ -422,20 +429,20 @@ def segments_of(readings: Readings) -> list[Floats]:
 def moments_of(readings: Readings) -> Floats:
     """Places of the readings of those segments."""
     total = len(readings)
-    if total <= STRETCHES * STRETCH:
+    if total <= MAX_STRETCHES * STRETCH_READINGS:
         return np.arange(total, dtype=np.float64)
-    every, seen = -(-total // STRETCHES), 0
+    every, seen = -(-total // MAX_STRETCHES), 0
     places: list[Floats] = []
     for part in readings.single_recordings:
         for block in part.blocks(""):
             rows = np.arange(seen, seen + len(block), dtype=np.float64)
-            places += [rows[begin : begin + STRETCH] for begin in range(-seen % every, len(rows), every)]
+            places += [rows[begin : begin + STRETCH_READINGS] for begin in range(-seen % every, len(rows), every)]
             seen += len(block)
     return np.concatenate(places)
 
 
 def raised(covariance: Floats, other: Floats) -> Floats:
-    """A covariance (9, 9), raised to another where it is below that."""
+    """(9, 9) covariance, raised to another one where it is smaller."""
     root = np.linalg.cholesky(other)
     inverse = np.linalg.inv(root)
     values, vectors = np.linalg.eigh(inverse @ covariance @ inverse.T)
@@ -445,24 +452,26 @@ def raised(covariance: Floats, other: Floats) -> Floats:
 
 
 def _is_small(step: Floats, covariance: Floats, radius: float) -> bool:
-    """What a Gauss–Newton step leaves out, of second order in it, is small beside the uncertainty."""
+    """Whether the second-order terms that a Gauss–Newton step omits are small compared with the uncertainty."""
     return bool(np.all(step**2 / radius <= 0.05 * np.sqrt(np.diag(covariance))))
 
 
 def _is_near(step: Floats, covariance: Floats, radius: float) -> bool:
-    """A step is no longer than what is not known: residuals before it are those behind it."""
-    return bool(np.all(step**2 <= NEAR**2 * np.diag(covariance))) and _is_small(step, covariance, radius)
+    """Whether a step is within the uncertainty, so that residuals before and after it are the same."""
+    return bool(np.all(step**2 <= MAX_SINGLE_STEP_SIGMAS**2 * np.diag(covariance))) and _is_small(
+        step, covariance, radius
+    )
 
 
 def _closed(ellipsoid: Ellipsoid, step: Floats) -> Ellipsoid:
-    """Take a step, or as much of it as leaves the surface closed.
+    """Ellipsoid after a step, or after the largest part of the step that keeps the surface closed.
 
     Raises
     ------
     NotAnEllipsoid
-        If hardly any of it does.
+        If even a tiny part of the step opens the surface.
     """
-    for _ in range(HALVINGS):
+    for _ in range(MAX_HALVINGS):
         moved = _moved(ellipsoid, step)
         if _is_closed(moved):
             return moved
@@ -472,7 +481,7 @@ def _closed(ellipsoid: Ellipsoid, step: Floats) -> Ellipsoid:
 
 def _is_closed(ellipsoid: Ellipsoid) -> bool:
     axes = ellipsoid.semi_axes
-    return bool(axes[0] > SHORTEST_AXIS * axes[2])
+    return bool(axes[0] > MIN_AXIS_RATIO * axes[2])
 
 
 def _moved(ellipsoid: Ellipsoid, step: Floats) -> Ellipsoid:
@@ -488,9 +497,9 @@ def foot_directions(readings: Floats, ellipsoid: Ellipsoid) -> Floats:
 def correlated(
     segments: Sequence[Floats], count: int, ellipsoid: Ellipsoid, known: float = 0.0
 ) -> tuple[Floats, Correlation, Residuals]:
-    """Scatter (9, 9) of Σ J s over all readings, how residuals are correlated, and these, of stretches of readings.
+    """(9, 9) scatter of Σ J s over all readings, correlation of residuals, and the residuals of stretches.
 
-    `known`: standard deviation of a distortion that is likely, or 0.
+    `known` is the standard deviation of a likely distortion, or 0.
     """
     lengths = np.array([len(segment) for segment in segments])
     readings = segments[0] if len(segments) == 1 else np.concatenate(segments)
@@ -515,7 +524,7 @@ def correlated(
         autocovariance = residuals.autocovariance()
     lag_one = residuals.lag_one()
     independent = len(readings) * share / time
-    freedom = min(independent / max(independent - 9.0, 1.0), MOST_FREEDOM)
+    freedom = min(independent / max(independent - 9.0, 1.0), MAX_FREEDOM_FACTOR)
     in_time = freedom * residuals.scatter(autocovariance)
     excess_variance = 1.0 + share * (residuals.excess_variance(in_time) - 1.0)
     correlation = Correlation(lag_one, time, direction, excess_variance)
@@ -523,29 +532,33 @@ def correlated(
 
 
 def likely_distortion(residuals: Residuals, segments: Sequence[Floats], ellipsoid: Ellipsoid, slow: float) -> float:
-    """Standard deviation of a distortion that is likely where slow noise gains so many bits; 0 where there is none."""
+    """Standard deviation of a likely distortion, if slow noise gains `slow` bits; 0 if none is likely."""
     directions = foot_directions(np.concatenate(segments), ellipsoid)
     sphere = _Sphere(directions, _principal_axes(directions), ellipsoid)
     return sphere.likely(residuals.distances, apart=3 * len(residuals.autocovariance()), slow=slow)
 
 
 def expected_variation(readings: Floats, directions: Floats, ellipsoid: Ellipsoid, segments: Sequence[Floats]) -> float:
-    """Variance of what varies smoothly over directions, where these are thinly spread; else 0."""
+    """Variance of a smooth variation over directions, if these are few; else 0."""
     spread = np.linalg.eigvalsh(np.cov(directions.T))[0]
-    if spread > THIN:
+    if spread > MIN_SPREAD_VARIANCE:
         return 0.0
     ends = np.cumsum([len(segment) for segment in segments])[:-1]
     distances = magnitude.distances(readings, ellipsoid)
     residuals = Residuals(distances, np.empty((0, 9)), np.split(np.arange(len(readings)), ends))
     sphere = _Sphere(directions, _principal_axes(directions), ellipsoid)
     bits = sphere.likelihoods_of_variation(distances, correlation_length(residuals.autocovariance()))
-    weights = PROBABLE * np.exp2(bits - bits.max())
-    return float(weights @ VARIATIONS**2 / weights.sum()) * ellipsoid.radius**2
+    weights = PRIOR_PROBABILITIES * np.exp2(bits - bits.max())
+    return float(weights @ FIELD_VARIATIONS**2 / weights.sum()) * ellipsoid.radius**2
 
 
 def variation_scatter(directions: Floats, jacobian: Floats, count: int) -> Floats:
-    """(9, 9) scatter of Σ J s over all readings, of residuals that vary so with unit variance."""
-    taken = np.arange(min(len(directions), TAKEN)) * len(directions) // min(len(directions), TAKEN)
+    """(9, 9) scatter of Σ J s over all readings, for residuals with such a variation of unit variance."""
+    taken = (
+        np.arange(min(len(directions), MAX_SCATTER_READINGS))
+        * len(directions)
+        // min(len(directions), MAX_SCATTER_READINGS)
+    )
     rows = jacobian[taken]
     scatter: Floats = (count / len(taken)) ** 2 * rows.T @ _alike(directions[taken], directions[taken]) @ rows
     return scatter
@@ -558,7 +571,7 @@ class _Sphere:
     ----------
     directions : (N, 3) float
     axes : (3, 3) float
-        In which the cells are, in rows.
+        Axes of the cells, in rows.
     ellipsoid : Ellipsoid
     """
 
@@ -578,7 +591,7 @@ class _Sphere:
 
     @cached_property
     def jacobian(self) -> Floats:
-        """(seen, 9) Jacobian in the middle of each seen cell."""
+        """(seen, 9) Jacobian in the middle of each cell with readings."""
         return magnitude.information(self._middles, self._ellipsoid)
 
     @cached_property
@@ -587,14 +600,14 @@ class _Sphere:
         return _kernel(self._middles, self.jacobian, centres, magnitude.information(centres, self._ellipsoid))
 
     def distortion(self, residuals: Floats, *, apart: int, time: float) -> float:
-        """Standard deviation of what residuals of one direction have in common at different times; 0 where unproven.
+        """Standard deviation of the part that residuals of one direction share at different times; 0 if unproven.
 
-        Products of the sums of different visits have no part in the noise of either.
+        Products of the sums of different visits do not contain the noise of either.
         """
         cross, pairs = self._visits(residuals, apart)
         shared_variance = float(np.sum(cross / self.counts))
         noise = float(np.mean(residuals**2)) * time * np.sqrt(2.0 * float(np.sum(pairs / self.counts**2)))
-        if shared_variance <= PROVEN * noise:
+        if shared_variance <= MIN_PROVEN_RATIO * noise:
             return 0.0
         expected = float(np.sum(pairs * self._left_over() / self.counts))
         return float(np.sqrt(shared_variance / expected)) if expected > 0.0 else 0.0
@@ -616,24 +629,24 @@ class _Sphere:
         return at_each
 
     def likely(self, residuals: Floats, *, apart: int, slow: float) -> float:
-        """Standard deviation of a distortion that is about as likely as slow noise, of so many bits; else 0."""
-        if len(self.seen) < FEWEST_CELLS:
+        """Standard deviation of a distortion about as likely as slow noise that gains `slow` bits; else 0."""
+        if len(self.seen) < MIN_CELLS:
             return 0.0
         means = np.bincount(self.cells, weights=residuals, minlength=len(CELL_CENTRES))[self.seen] / self.counts
         none, _ = self._likelihood(residuals, means, 0.0)
-        most, white = max(self._likelihood(residuals, means, ratio) for ratio in DISTORTIONS)
-        if most - none <= max(PLAIN, AS_LIKELY * slow):
+        most, white = max(self._likelihood(residuals, means, ratio) for ratio in DISTORTION_RATIOS)
+        if most - none <= max(MIN_GAIN_BITS, MIN_SLOW_GAIN_SHARE * slow):
             return 0.0
         cross, pairs = self._visits(residuals, apart)
         left = self._left_over()
         variance = float(np.sum(self.counts * means**2 - white) / np.sum(self.counts * left))
-        agreement = float(np.sum(cross / self.counts)) - AGREEMENT * variance * float(
+        agreement = float(np.sum(cross / self.counts)) - MIN_AGREEMENT * variance * float(
             np.sum(pairs * left / self.counts)
         )
         return math.sqrt(variance) if variance > 0.0 and agreement > 0.0 else 0.0
 
     def _likelihood(self, residuals: Floats, means: Floats, ratio: float) -> tuple[float, float]:
-        """Restricted likelihood, to the base 2, of a distortion beside white noise, and the variance of that noise."""
+        """Base-2 logarithm of the restricted likelihood of a distortion with white noise, and the noise variance."""
         inverse = np.linalg.inv(ratio * _alike(self._middles, self._middles) + np.diag(1.0 / self.counts))
         normal, gradient = self.jacobian.T @ inverse @ self.jacobian, self.jacobian.T @ inverse @ means
         rest = float(np.sum(residuals**2) - np.sum(self.counts * means**2) + means @ inverse @ means)
@@ -643,11 +656,11 @@ class _Sphere:
         return -(logarithm + freedom * math.log2(rest / freedom)) / 2.0, rest / freedom
 
     def likelihoods_of_variation(self, residuals: Floats, time: float) -> Floats:
-        """(7,) restricted likelihoods of `VARIATIONS`, to the base 2; all 0 where too few directions are seen."""
+        """(7,) base-2 logarithms of restricted likelihoods of `FIELD_VARIATIONS`; 0 if there are too few directions."""
         freedom = len(residuals) / time - 9.0
         if len(self.seen) <= 9 or freedom <= 9.0:
-            return np.zeros(len(VARIATIONS))
-        ratios = (VARIATIONS * self._ellipsoid.radius) ** 2 / np.mean(residuals**2)
+            return np.zeros(len(FIELD_VARIATIONS))
+        ratios = (FIELD_VARIATIONS * self._ellipsoid.radius) ** 2 / np.mean(residuals**2)
         means = np.bincount(self.cells, weights=residuals, minlength=len(CELL_CENTRES))[self.seen] / self.counts
         counts = self.counts / time
         within = float(np.sum(residuals**2)) / time - float(np.sum(counts * means**2))
@@ -663,7 +676,7 @@ class _Sphere:
     def _visits(self, residuals: Floats, apart: int) -> tuple[Floats, Floats]:
         """(seen,) products of the sums of different visits to each cell, of residuals and of readings.
 
-        Visits are stretches of readings there, separated by more than `apart` readings.
+        A visit is a stretch of readings in a cell; visits are separated by more than `apart` readings.
         """
         order = np.argsort(self.cells, kind="stable")
         cells = self.cells[order]
@@ -689,7 +702,7 @@ class _Sphere:
 
 
 def _principal_axes(directions: Floats) -> Floats:
-    """(3, 3) principal axes of directions in rows, to the side of their third moments: they turn with the readings."""
+    """(3, 3) principal axes of directions in rows; third moments give their signs, so that they turn with readings."""
     axes = np.linalg.eigh(directions.T @ directions)[1]
     axes = axes * np.where(np.sum((directions @ axes) ** 3, axis=0) < 0.0, -1.0, 1.0)
     return axes.T
@@ -707,5 +720,5 @@ def _kernel(middles: Floats, jacobian: Floats, centres: Floats, everywhere: Floa
 
 def _alike(some: Floats, others: Floats) -> Floats:
     angles = np.arccos(np.clip(some @ others.T, -1.0, 1.0))
-    likeness: Floats = np.exp(-0.5 * (angles / SMOOTH) ** 2)
+    likeness: Floats = np.exp(-0.5 * (angles / DISTORTION_ANGLE) ** 2)
     return likeness

@@ -1,4 +1,4 @@
-"""What time and evidence do to what an online calibration knows, in NumPy: an oracle for `native/knowledge.c`.
+"""How time and evidence change the knowledge of an online calibration, in NumPy: reference for `native/knowledge.c`.
 
 A record is a row of `flinders.native.layouts.ONLINE`. Constants are those of the C files, by their names there.
 """
@@ -22,20 +22,20 @@ DAY_S: Final = 86400.0
 
 
 def constant(name: str) -> float:
-    """A number that a C file defines."""
+    """Number that a C file defines."""
     text = "".join((SOURCE_FOLDER / file).read_text(encoding="utf-8") for file in ("knowledge.c", "online.c"))
     return float(re.findall(rf"#define {name} \(\(real\)([\d.e+-]+)\)", text)[0])
 
 
 def rates() -> Floats:
-    """(7,) rates of the walk, of the radius per root hour."""
+    """(7,) rates of the walk, as fractions of the radius per root hour."""
     text = (SOURCE_FOLDER / "knowledge.c").read_text(encoding="utf-8")
     found = re.findall(r"RATE\[FL_RATES\] = \{(.*?)\}", text)[0]
     return np.array([float(number) for number in re.findall(r"\(real\)([\d.e-]+)", found)])
 
 
 def radius(parameters: Floats) -> float:
-    """Mean radius of offset and shape (9,)."""
+    """Mean radius of (9,) offset and shape."""
     return float(np.mean(parameters[3:6]))
 
 
@@ -49,7 +49,7 @@ def aged(record: Records, parameters: Floats, seconds: float, covariance: Floats
 
 
 def unseen_moves(record: Records, seconds: float) -> float:
-    """Variance of the offset along each axis by moves while nothing was read."""
+    """Variance of the offset along each axis by moves in a time without readings."""
     if not seconds > constant("MAX_WATCHED_GAP_S"):
         return 0.0
     before, day = constant("PRIOR_MOVES_PER_DAY"), constant("PRIOR_MOVES_DAYS")
@@ -60,9 +60,10 @@ def unseen_moves(record: Records, seconds: float) -> float:
 
 
 def kept_open(before: Floats, same: float, covariance: Floats) -> Floats:
-    """Covariance of a block of which a share of the variance stays, however many follow.
+    """Covariance of a block; a share of the variance stays, however many blocks follow.
 
-    Along an eigenvector of after relative to before, with the eigenvalue e, the block alone has e / (1 − e).
+    Along an eigenvector of the covariance after relative to the one before, with eigenvalue e, the block alone has e /
+    (1 − e).
     """
     root = np.linalg.cholesky(before)
     inverse = np.linalg.inv(root)
@@ -74,7 +75,7 @@ def kept_open(before: Floats, same: float, covariance: Floats) -> Floats:
 
 
 def weighed_rates(record: Records, off: Floats, covariance: Floats, seconds: float) -> Floats:
-    """(7,) probabilities of the rates after an offset was off by (3,), of a covariance without the walk."""
+    """(7,) probabilities of the rates after an offset error of (3,), with the covariance without the walk."""
     added = rates() ** 2 * radius(record["known"]) ** 2 * seconds / HOUR_S
     log_density = []
     for variance in added.tolist():
@@ -86,7 +87,7 @@ def weighed_rates(record: Records, off: Floats, covariance: Floats, seconds: flo
 
 
 def expected_rates(size: float, walk: float, log_sigma: float) -> Floats:
-    """(7,) probabilities of the rates where one is known: Student's distribution of their logarithm."""
+    """(7,) probabilities of the rates if one rate is known: Student's distribution of the logarithm."""
     freedom = constant("RATE_FREEDOM")
     scale = math.hypot(log_sigma, constant("RATE_SPACING_SIGMA"))
     off = np.log(rates() * size / walk) / scale
@@ -95,7 +96,7 @@ def expected_rates(size: float, walk: float, log_sigma: float) -> Floats:
 
 
 def claimed(record: Records, time: float) -> Floats:
-    """(9, 9) covariance that is claimed of what is in force at a time."""
+    """(9, 9) claimed covariance of the calibration in force at a time."""
     latest, now = record["latest"], float(record["now"])
     covariance = aged(record, latest, time - float(record["latest_at"]), record["latest_covariance"].reshape(9, 9))
     covariance[:3, :3] += unseen_moves(record, time - now) * np.eye(3)

@@ -1,4 +1,4 @@
-"""Slow noise in NumPy: the formulas that slow_noise.c of the engine is held to, all models of a grid at once."""
+"""Slow noise in NumPy, with all models of a grid at once: reference for slow_noise.c of the engine."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
 
-SERIES: Final = 2048
-"""Averages that a recording is cut down to."""
+MAX_AVERAGES: Final = 2048
+"""Largest number of averages to which a recording is reduced."""
 
-RATIOS: Final = np.geomspace(1e-3, 3e3, 8)
-"""Variance of the disturbance over that of white noise."""
+VARIANCE_RATIOS: Final = np.geomspace(1e-3, 3e3, 8)
+"""Variances of the disturbance that are tried, relative to that of white noise."""
 
-COARSE, FINE = 6, 5
-"""Memories of the grid of all models, and of the finer one about the best."""
+COARSE_MEMORIES, FINE_MEMORIES = 6, 5
+"""Numbers of memories in the grid of all models, and in the finer grid about the best model."""
 
-LONGEST: Final = 1.5
-"""Of the recording: longer memories look the same."""
+MAX_MEMORY_RATIO: Final = 1.5
+"""Longest memory relative to the duration of the recording; longer memories cannot be told apart."""
 
-HOPELESS: Final = 14.0
-"""Logarithm, to the base 2, of how much less likely a model is than the best."""
+MAX_LIKELIHOOD_LOSS_BITS: Final = 14.0
+"""Base-2 logarithm of the likelihood ratio to the best model above which a model is not refined."""
 
-MANY_RADIANS: Final = 20.0
-"""Of turning, beyond which a change of the field does not go with the attitude."""
+MAX_RADIANS: Final = 20.0
+"""Largest angle of turning in rad within a memory for which a change of the field can follow the attitude."""
 
-NEGLIGIBLE: Final = 1e-4
-"""Of all probability."""
+MIN_PROBABILITY: Final = 1e-4
+"""Smallest share of the probability of all models that counts."""
 
 
 class Series(NamedTuple):
-    """Averages of successive residuals: (n, 10) Jacobian and distance, readings of each, time from the one before."""
+    """Averages of successive residuals: (n, 10) Jacobian and distance, number of readings, time since the previous."""
 
     rows: Floats
     counts: Floats
@@ -45,8 +45,8 @@ class Series(NamedTuple):
 
     @classmethod
     def of(cls, rows: Floats, moments: Floats, segments: Sequence[NDArray[np.int64]], *, has_parts: bool) -> Self:
-        """Average rows of segments of consecutive readings, repeated ones once."""
-        most = -(-len(rows) // SERIES)
+        """Average rows of segments of consecutive readings; repeated readings count once."""
+        most = -(-len(rows) // MAX_AVERAGES)
         averages, counts, steps = [], [], []
         last = None
         for segment in segments:
@@ -67,13 +67,13 @@ class Series(NamedTuple):
 
     @property
     def span(self) -> float:
-        """Time that they take."""
+        """Time that the averages span."""
         return float(self.steps[np.isfinite(self.steps)].sum())
 
 
 @dataclass(frozen=True)
 class Models:
-    """(G,) models: sums (G, 10, 10) of innovations, likelihood to the base 2, variance of white noise."""
+    """(G,) models: (G, 10, 10) sums of innovations, base-2 logarithms of likelihoods, variances of white noise."""
 
     sums: Floats
     likelihood: Floats
@@ -84,7 +84,7 @@ class Models:
 
 
 def filtered(series: Series, ratio: Floats, memory: Floats, *, is_vector: bool) -> tuple[Floats, Floats]:
-    """(G, 10, 10) sums of innovations, (G,) logarithms to the base 2 of their variances over those of white noise."""
+    """(G, 10, 10) sums of innovations, and (G,) base-2 logarithms of their variances relative to white noise."""
     components = 3 if is_vector else 1
     normals = series.rows[:, :3] if is_vector else np.ones((len(series.rows), 1))
     state = np.zeros((len(ratio), components, 10))
@@ -109,7 +109,7 @@ def filtered(series: Series, ratio: Floats, memory: Floats, *, is_vector: bool) 
 
 
 def taken_off(sums: Floats, step: Floats) -> Floats:
-    """(G, 10, 10) sums of residuals that a step explains less of."""
+    """(G, 10, 10) sums of residuals after a step is subtracted."""
     onto = np.eye(10)
     onto[:9, 9] = -step
     taken: Floats = onto.T @ sums @ onto
@@ -119,7 +119,7 @@ def taken_off(sums: Floats, step: Floats) -> Floats:
 def judged(
     sums: Floats, logarithm: Floats, freedom: float, ratio: Floats, memory: Floats, *, is_vector: bool
 ) -> Models:
-    """Restricted likelihoods."""
+    """Models with their restricted likelihoods."""
     matrix = sums[:, :9, :9] + 1e-13 * sums[:, range(9), range(9)].max(axis=1)[:, None, None] * np.eye(9)
     rest = sums[:, 9, 9] - np.einsum("gi,gi->g", sums[:, :9, 9], np.linalg.solve(matrix, sums[:, :9, 9:])[:, :, 0])
     likelihood = -(logarithm + np.linalg.slogdet(matrix)[1] / np.log(2.0) + freedom * np.log2(rest)) / 2.0
@@ -127,38 +127,38 @@ def judged(
 
 
 def run(series: Series, bent: Floats, ratios: Floats, memories: Floats, *, is_vector: bool) -> Models:
-    """All pairs of ratio and memory."""
+    """Models for all pairs of a ratio and a memory."""
     memory, ratio = (grid.ravel() for grid in np.meshgrid(memories, ratios, indexing="ij"))
     sums, logarithm = filtered(series, ratio, memory, is_vector=is_vector)
     return judged(taken_off(sums, bent), logarithm, len(series.rows) - 9.0, ratio, memory, is_vector=is_vector)
 
 
 def models_of(series: Series, bent: Floats) -> list[Models]:
-    """White noise, and finer grids about the best vector and the best strength where these are not hopeless."""
+    """Models: white noise, and finer grids about the best vector and the best strength, if these are likely."""
     white = np.einsum("ni,n,nj->ij", series.rows, series.counts, series.rows)
     freedom, none = len(series.rows) - 9.0, np.zeros(1)
     models = [judged(taken_off(white[None], bent), none, freedom, none, np.ones(1), is_vector=False)]
     span = series.span
-    memories = np.geomspace(2.0 * span / len(series.rows), LONGEST * span, COARSE)
-    coarse = [run(series, bent, RATIOS, memories, is_vector=is_vector) for is_vector in (True, False)]
+    memories = np.geomspace(2.0 * span / len(series.rows), MAX_MEMORY_RATIO * span, COARSE_MEMORIES)
+    coarse = [run(series, bent, VARIANCE_RATIOS, memories, is_vector=is_vector) for is_vector in (True, False)]
     most = max(float(one.likelihood.max()) for one in (*models, *coarse))
     for kind, is_vector in zip(coarse, (True, False), strict=True):
         best = int(kind.likelihood.argmax())
-        if not kind.likelihood[best] > most - HOPELESS:
+        if not kind.likelihood[best] > most - MAX_LIKELIHOOD_LOSS_BITS:
             continue
-        ratio_step, memory_step = RATIOS[1] / RATIOS[0], memories[1] / memories[0]
+        ratio_step, memory_step = VARIANCE_RATIOS[1] / VARIANCE_RATIOS[0], memories[1] / memories[0]
         ratios = np.geomspace(kind.ratio[best] / ratio_step, kind.ratio[best] * ratio_step, 8)
         longest = min(kind.memory[best] * memory_step, memories[-1])
-        finer = np.geomspace(kind.memory[best] / memory_step, longest, FINE)
+        finer = np.geomspace(kind.memory[best] / memory_step, longest, FINE_MEMORIES)
         fine = run(series, bent, ratios, finer, is_vector=is_vector)
         share = np.log(ratios[1] / ratios[0]) * np.log(finer[1] / finer[0])
-        share /= np.log(ratio_step) * len(RATIOS) * np.log(memory_step) * COARSE
+        share /= np.log(ratio_step) * len(VARIANCE_RATIOS) * np.log(memory_step) * COARSE_MEMORIES
         models.append(replace(fine, likelihood=fine.likelihood + np.log2(share)))
     return models
 
 
 def scatter_of(series: Series, ratio: float, memory: float, *, is_vector: bool) -> Floats:
-    """(9, 9) scatter of Σ J s that noise of a model gives, in variances of white noise, by its dense covariance."""
+    """(9, 9) scatter of Σ J s by the noise of a model, in variances of white noise, from its dense covariance."""
     normals = series.rows[:, :3] if is_vector else np.ones((len(series.rows), 1))
     x = np.minimum(series.steps[1:] / memory, 1e100)
     passed = np.concatenate([[0.0], np.cumsum(np.log1p(x * (1.0 + x / 2.0)))])
@@ -171,7 +171,7 @@ def scatter_of(series: Series, ratio: float, memory: float, *, is_vector: bool) 
 def averaged(
     series: Series, bent: Floats, onto: Floats, prior_matrix: Floats, prior_gradient: Floats, square: float
 ) -> tuple[Floats, Floats, Floats, float, float]:
-    """Step (9,) and covariance (9, 9), averaged over models, and the covariance under the likeliest without the step.
+    """(9,) step and (9, 9) covariance, averaged over models, and the likeliest model's covariance without the step.
 
     Also the bits of likelihood that the likeliest gains over white noise, and the part of the mean `square` of
     residuals that the strength at the place makes.
@@ -181,7 +181,7 @@ def averaged(
     models = models_of(series, bent)
     likelihood = np.concatenate([one.likelihood for one in models])
     weights = np.exp2(likelihood - likelihood.max())
-    weights = np.where(weights > NEGLIGIBLE * weights.sum(), weights / weights.sum(), 0.0)
+    weights = np.where(weights > MIN_PROBABILITY * weights.sum(), weights / weights.sum(), 0.0)
     variance = np.concatenate([one.variance for one in models])
     sums = np.concatenate([one.sums for one in models]) / variance[:, None, None]
     steps, covariances = [], []
@@ -198,7 +198,7 @@ def averaged(
     scatter = onto @ scatter @ onto.T / variance[0] ** 2 + prior_matrix
     gain = float(likelihood[best] - likelihood[0])
     radians = memory / radian_of(series)
-    of_place = ~of_vectors & (radians >= 1.0) & (radians <= MANY_RADIANS) & (np.arange(len(memory)) > 0)
+    of_place = ~of_vectors & (radians >= 1.0) & (radians <= MAX_RADIANS) & (np.arange(len(memory)) > 0)
     strength = float(np.sum((weights * np.maximum(square - variance, 0.0))[of_place]))
     return step, covariance, covariances[0] @ scatter @ covariances[0], gain, strength
 

@@ -1,6 +1,6 @@
-"""The session of the page, played in Node.js: events go in, each with its time, and what the page shows comes out.
+"""A session of the page in Node.js: events with their times go in, and what the page shows comes out.
 
-A fit is what the worker of the page makes of the readings, with the engine as WebAssembly. No clock, socket or browser.
+A fit is that of the page's worker, with the engine as WebAssembly. There is no clock, socket or browser.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ UT: Final = Unit.of("uT")
 
 _numbers = itertools.count()
 _gone: list[int] = []
-"""Sessions that nobody holds any more, to be forgotten."""
+"""Numbers of sessions that no test uses any more, and that Node.js has to forget."""
 
 
 class PageSession:
@@ -53,11 +53,11 @@ class PageSession:
     ----------
     source : SourceState, optional
     frame : str
-        Whose axes readings are in.
+        Axes of the readings: ``sensor`` or ``vehicle``.
     rules : dict
-        Numbers of `RULES` of ``session.js`` that are others here.
+        Numbers that replace those in `RULES` of ``session.js``.
     **changes
-        Attributes of `Session` of ``session.js`` that are others than at its beginning.
+        Initial values of attributes of `Session` in ``session.js``.
     """
 
     def __init__(
@@ -77,55 +77,55 @@ class PageSession:
     # Events
 
     def arrived(self, at: float, rows: Floats, unit: Unit = UT) -> None:
-        """Readings of the sensor: (N, 7) as `rows_of` has them."""
+        """Add readings of the sensor: (N, 7) as `rows_of` returns them."""
         acceleration = _packed(rows[:, 4:]) if np.isfinite(rows[:, 4:]).any() else None
         columns = {"time": _packed(rows[:, 0]), "field": _packed(rows[:, 1:4]), "acceleration": acceleration}
         self._tell("arrived", at, unit=_unit(unit), **columns)
 
     def received(self, at: float, frame: bytes, *, is_old: bool = False) -> None:
-        """Readings that a server passes on."""
+        """Add readings that a server has sent."""
         self._tell("received", at, frame=b64encode(frame).decode(), is_old=is_old)
 
     def adopted(self, at: float, edits: Edits) -> None:
-        """What was done on another page."""
+        """Apply edits that were made on another page."""
         self._tell("adopted", at, edits=msgspec.to_builtins(edits))
 
     def linked(self, at: float, link: Link, words: str = "") -> list[SimpleNamespace]:
-        """The link to the source has changed; what a person is told."""
+        """Change the link to the source; returns the messages to the user."""
         return self._told("linked", at, link=link, words=words)
 
     def unrecorded(self, at: float, words: str) -> None:
-        """What arrives cannot be written down."""
+        """Report that readings cannot be recorded."""
         self._tell("unrecorded", at, words=words)
 
     def opened(self, at: float, name: str, log: Log) -> None:
-        """A log that was dropped."""
+        """Open a log that was dropped onto the page."""
         about = {"is_timed": log.is_timed, "frame": log.advice_frame, "axes": str(log.axes), "site": log.site}
         frame = b64encode(frame_of_buffer(log.buffer, log.unit)).decode()
         self._tell("opened", at, name=name, frame=frame, about=msgspec.to_builtins(about))
 
     def got_previous(self, at: float, fit: Fit) -> None:
-        """A calibration from before."""
+        """Add an earlier calibration."""
         self._tell("previous", at, name=fit.provenance.name, text=dumps(document_of(fit)))
 
     def requested(self, at: float, type: str, **command: Any) -> list[SimpleNamespace]:
-        """A command of a person; what they are told."""
+        """Send a command of the user; returns the messages to the user."""
         return self._told("requested", at, command={"type": type, **command})
 
     def ticked(self, at: float) -> None:
-        """Time has passed."""
+        """Let time pass until `at` s."""
         self._tell("ticked", at)
 
     def begin_fit(self) -> None:
-        """A fit begins, and what comes of it waits."""
+        """Begin a fit; its result waits for `fit_done`."""
         self._ask("begun")
 
     def fit_done(self, at: float, seconds: float = 0.01) -> None:
-        """What came of the fit is taken over."""
+        """Accept the result of the fit."""
         self._tell("done", at, seconds=seconds)
 
     def fit(self) -> None:
-        """A fit, in no time."""
+        """Fit at once."""
         self.begin_fit()
         self.fit_done(self.at)
 
@@ -133,23 +133,23 @@ class PageSession:
 
     @property
     def state(self) -> SimpleNamespace:
-        """The state that the page is told."""
+        """State that the page gets."""
         state: SimpleNamespace = self._ask("state")
         return state
 
     @property
     def shown(self) -> SimpleNamespace:
-        """The newest fit."""
+        """The newest fit on the page."""
         shown: SimpleNamespace = self._ask("shown")
         return shown
 
     @property
     def view(self) -> Any:  # noqa: ANN401 - a namespace, or None
-        """What is drawn, of the newest fit or of one that is kept; None where there is none."""
+        """View that is drawn: of the newest fit or of one that is kept; None without one."""
         return self._ask("view")
 
     def evaluated(self) -> SimpleNamespace:
-        """What a fit of the readings would come to now."""
+        """Result that a fit of the readings would have now."""
         found: SimpleNamespace = self._ask("evaluated")
         return found
 
@@ -159,17 +159,17 @@ class PageSession:
 
     @property
     def used(self) -> list[int]:
-        """Which readings a fit takes, counted from 0."""
+        """Numbers of the readings that a fit uses, from 0."""
         return list(self._ask("used").numbers)
 
     @property
     def used_field(self) -> Floats:
-        """(N, 3) the readings that a fit takes."""
+        """(N, 3) readings that a fit uses."""
         return _floats(self._ask("used").field).reshape(-1, 3)
 
     @property
     def used_site(self) -> dict[str, Any] | None:
-        """What counts of the field at the place."""
+        """Site that a fit uses, as far as it is known."""
         site: dict[str, Any] | None = self._ask("used", as_dict=True)["site"]
         return site
 
@@ -182,16 +182,16 @@ class PageSession:
 
     @property
     def edits(self) -> Edits:
-        """What the others have to know of it."""
+        """Edits that other pages need."""
         return msgspec.convert(self._ask("edits", as_dict=True), Edits)
 
     @property
     def finishing(self) -> Edits:
-        """What the calibration in the end is made by."""
+        """Edits by which the final calibration is made."""
         return msgspec.convert(self._ask("finishing", as_dict=True), Edits)
 
     def points(self, page: str = "") -> SimpleNamespace:
-        """What one of several pages draws: `first` that is new (None: nothing), `stride`, `time` and `acceleration`."""
+        """Points that one page draws: `first` new one (None: none), `stride`, `time`, `acceleration`."""
         points: SimpleNamespace = self._ask("points", page=page)
         return points
 
@@ -212,13 +212,13 @@ class PageSession:
 
 
 def log_of(samples: Samples) -> Log:
-    """Samples as a log that was dropped."""
+    """Samples as a log that is dropped onto the page."""
     buffer = ReadingBuffer.empty().with_rows(rows_of(samples))
     return Log(buffer, samples.unit, samples.axes, "sensor", samples.time is not None)
 
 
 def frame_of_buffer(buffer: ReadingBuffer, unit: Unit = UT) -> bytes:
-    """All readings in memory, as the server passes them on."""
+    """All readings in memory, in the form that the server sends."""
     return readings_frame(
         generation=0, first=0, stride=buffer.stride, total=buffer.total, is_last=True,
         rows=buffer.rows(0, len(buffer)), latest=buffer.latest, is_microtesla=unit.inside == MICROTESLA,
@@ -227,17 +227,17 @@ def frame_of_buffer(buffer: ReadingBuffer, unit: Unit = UT) -> bytes:
 
 
 def codes(state: SimpleNamespace) -> list[str]:
-    """Codes of the reasons of a state."""
+    """Codes of the reasons in a state."""
     return [reason.code for reason in state.reasons]
 
 
 def warnings(reasons: Iterable[SimpleNamespace]) -> list[str]:
-    """Codes of those that are warnings."""
+    """Codes of those reasons that are warnings."""
     return [reason.code for reason in reasons if reason.severity == "warning"]
 
 
 def _named(value: Any) -> Any:  # noqa: ANN401 - as JSON
-    """JSON with attributes in place of keys."""
+    """JSON with attributes instead of keys."""
     if isinstance(value, dict):
         return SimpleNamespace(**{name: _named(each) for name, each in value.items()})
     return [_named(each) for each in value] if isinstance(value, list) else value
@@ -256,7 +256,7 @@ def _unit(unit: Unit) -> dict[str, Any]:
 
 
 def _asked(message: dict[str, Any]) -> str:
-    """What Node.js answers."""
+    """Answer of Node.js to a message."""
     program = _program()
     assert program.stdin is not None
     assert program.stdout is not None
@@ -269,7 +269,7 @@ def _asked(message: dict[str, Any]) -> str:
 
 @cache
 def _program() -> subprocess.Popen[str]:
-    """Node.js, which plays all sessions of this process until that ends."""
+    """Process of Node.js that plays all sessions of this test process, until that ends."""
     wasm = build.library(target=build.WEB_PLATFORM).read_bytes()
     program = subprocess.Popen(
         [node(), str(PROGRAM)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, encoding="utf-8"

@@ -1,7 +1,7 @@
-"""The English phrases, collected from where they stand: ``python -m tests.phrases`` writes `languages/en.json`.
+"""English phrases, collected from the sources: ``python -m tests.phrases`` writes `languages/en.json`.
 
-Phrases of the page are calls of ``phrase("key", "English")``, elements with ``data-phrase="key"``, and tables; those of
-verdicts are tables of Python, and rows of the catalogue of findings.
+Phrases of the page are calls of ``phrase("key", "English")``, elements with ``data-phrase="key"``, and tables. Phrases
+of verdicts are tables in Python, and rows of the catalogue of findings.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ WIDGETS: Final = ("heading", "deviation", "residuals", "strength", "projections"
 
 
 def english() -> dict[str, str]:
-    """Every English phrase by its key, sorted."""
+    """All English phrases by key, sorted."""
     return dict(sorted({**of_page(), **of_verdicts(), **of_plans(), **of_answers(), **of_python()}.items()))
 
 
@@ -151,24 +151,24 @@ def of_python() -> dict[str, str]:
 
 
 def fields(template: str) -> set[str]:
-    """Names of the placeholders of a format, with their format."""
+    """Placeholders of a format, each with the format of its value."""
     return set(re.findall(r"\{[^{}]*\}", template))
 
 
 def _joined(literals: str) -> str:
-    """The text of string literals that are put together."""
+    """Text of string literals that are concatenated."""
     return "".join(ast.literal_eval(literal) for literal in re.findall(LITERAL, literals))
 
 
 def _marked(content: str) -> str:
-    """Words of an element, with marks around bold ones and code."""
+    """Words of an element, with marks for bold words and for code."""
     marked = re.sub(r"</?strong>", "**", re.sub(r"</?code>", "`", content))
     assert "<" not in marked, f"a phrase has markup: {content}"
     return unescape(marked)
 
 
 def text_of(phrases: dict[str, Any]) -> str:
-    """The file of a language."""
+    """Text of the file of a language."""
     return json.dumps(phrases, ensure_ascii=False, indent=2) + "\n"
 
 

@@ -1,4 +1,4 @@
-"""The program run within the process of a test: how it ended, and what it printed."""
+"""The program, run inside the process of a test, with its exit code and output."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Ended:
-    """How the program ended, and what it printed."""
+    """Exit code and output of the program."""
 
     code: int
     out: str
@@ -31,7 +31,7 @@ class Ended:
 
     @property
     def said(self) -> str:
-        """What was said, on one line."""
+        """Everything on stderr, in one line."""
         return " ".join(self.err.split())
 
     @property

@@ -1,4 +1,4 @@
-"""Programs of PyPI that tests alone need, in an environment of their own that uv keeps."""
+"""Programs of PyPI that only tests need, in a separate environment that uv keeps."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ FETCH_S: Final = 240.0
 
 
 def python_with(package: str, missing: Callable[[str], NoReturn]) -> list[str]:
-    """The command of a Python that has a package.
+    """Command of a Python that has a package.
 
     Parameters
     ----------
     package : str
-        Name and version, as pip takes them.
+        Name and version, in the form for pip.
     missing : callable
-        Is told why it cannot be had, and ends the test.
+        Called with the reason why the package is missing; it ends the test.
     """
     command, why = _environment(package)
     return command if command else missing(why)
@@ -30,7 +30,7 @@ def python_with(package: str, missing: Callable[[str], NoReturn]) -> list[str]:
 
 @cache
 def _environment(package: str) -> tuple[list[str], str]:
-    """The command, or why there is none."""
+    """The command, or the reason why there is none."""
     uv = shutil.which("uv")
     if uv is None:
         return [], f"no uv to fetch {package}"

@@ -1,4 +1,4 @@
-"""A sample of each format that is read, written by the format's own library where it has one: a tumble of one sensor.
+"""A sample of each format that is read: a tumble of one sensor, written by the format's own library if there is one.
 
 A reader without a sample in `WRITERS` fails a test.
 """
@@ -122,7 +122,7 @@ def write_text(path: Path, table: Floats) -> None:
 
 
 def write_dataflash(path: Path, table: Floats) -> None:
-    """As text, in whole mG."""
+    """Write a DataFlash log as text, in whole mG."""
     lines = [
         "FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns",
         "FMT, 134, 18, MAG, QBhhhB, TimeUS,I,MagX,MagY,MagZ,Health",
@@ -133,7 +133,7 @@ def write_dataflash(path: Path, table: Floats) -> None:
 
 
 def write_ulog(path: Path, table: Floats) -> None:
-    """As PX4 does: the definition of a topic, a subscription to it, and its messages, in gauss as float32."""
+    """Write a ULog as PX4 does: definition of a topic, subscription, messages in gauss as float32."""
     fields = b"sensor_mag:uint64_t timestamp;uint32_t device_id;float x;float y;float z;"
     messages = [b"F" + fields, b"I" + b"\x17uint32_t ver_sw_release" + struct.pack("<I", 0x010D00FF)]
     messages.append(b"A" + struct.pack("<BH", 0, 0) + b"sensor_mag")
@@ -164,10 +164,10 @@ _ALL: dict[str, Callable[[Path, Floats], None]] = {
     "ulog": write_ulog,
 }
 WRITERS = {name: write for name, write in _ALL.items() if name in BY_NAME}
-"""By the name of the reader, of those that are there: packages add some."""
+"""Functions that write a sample, by the name of the reader; only of readers that are installed."""
 
 LOGS = frozenset(reader.name for reader in registry() if reader.log is not None)
-"""Those of several instruments, whose units and clocks are their own."""
+"""Names of readers for logs of several instruments, which state their own units and clocks."""
 
 
 def written(name: str, folder: Path, table: Floats) -> Path:

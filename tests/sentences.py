@@ -1,9 +1,10 @@
-"""Sentences of the program, held by golden files, so that tests assert codes and numbers.
+"""Sentences of the program in golden files, so that tests assert codes and numbers.
 
-``assert_sentences(ended.err)`` compares a whole text with the next one of its test in the golden file of the module:
-``tests/golden/sentences/readers/test_info.toml`` is that of ``tests/readers/test_info.py``.
-``with assert_raises(TooFewSamples, found=3):`` asserts the class of an error and numbers of its evidence, and holds its
-text likewise. ``pytest --regenerate`` writes the texts of all tests that it runs, and leaves those of others.
+``assert_sentences(ended.err)`` compares a whole text with the next text of its test in the module's golden file:
+``tests/golden/sentences/readers/test_info.toml`` is that of ``tests/readers/test_info.py``. ``with
+assert_raises(TooFewSamples, found=3):`` asserts the class of an error and numbers of its evidence, and compares its
+text in the same way. ``pytest --regenerate`` writes the texts of all tests that it runs, and leaves those of other
+tests.
 """
 
 from __future__ import annotations
@@ -46,7 +47,8 @@ MULTILINE_ESCAPES = {"\\": "\\\\", '"""': '""\\"'}
 def assert_sentences(said: str | Iterable[object], *, about: str = "", numbers: bool = True) -> None:
     """Compare a text, or one for each line, with the golden file.
 
-    Of a whole document take those sentences that are `about` a word or number; without `numbers` each is a ``#``.
+    Of a whole document, only sentences that contain the word or number `about` are compared. Without `numbers`, each
+    number becomes a ``#``.
     """
     text = said if isinstance(said, str) else "\n".join(map(str, said))
     if about:
@@ -63,7 +65,7 @@ def assert_sentences(said: str | Iterable[object], *, about: str = "", numbers: 
 def assert_raises(
     kind: type[E] | tuple[type[E], ...], code: str | None = None, /, *, numbers: bool = True, **evidence: object
 ) -> Generator[pytest.ExceptionInfo[E]]:
-    """Assert the class of an error, its code and parts of its evidence; its text stands in the golden file."""
+    """Assert the class of an error, its code and parts of its evidence; its text is in the golden file."""
     with pytest.raises(kind) as caught:
         yield caught
     error = caught.value
@@ -75,7 +77,7 @@ def assert_raises(
 
 
 def sentences_with(word: str, text: str) -> list[str]:
-    """Find the sentences and lines of a text that have a word or a number.
+    """Sentences and lines of a text that contain a word or a number.
 
     >>> sentences_with("tilt", "GOOD Good to 1°. Up to 20° of tilt.\\nBeyond a tilt of 20°: 3°")
     ['Up to 20° of tilt.', 'Beyond a tilt of 20°: 3°']
@@ -86,7 +88,7 @@ def sentences_with(word: str, text: str) -> list[str]:
 
 
 def with_placeholders(text: str) -> str:
-    """Replace folders, ports, the version and the time of now, which differ from run to run.
+    """Text with placeholders for folders, ports, the version and the present time, which differ between runs.
 
     >>> with_placeholders("http://127.0.0.1:40123/ (OSError: it broke): copy it again")
     'http://127.0.0.1:<port>/ (OSError: <words>): copy it again'
@@ -111,7 +113,7 @@ def with_placeholders(text: str) -> str:
 
 @dataclass
 class Book:
-    """Sentences of a module of tests: those of each test in the order in which it meets them."""
+    """Sentences of a module of tests: those of each test, in order."""
 
     path: Path
     texts: dict[str, list[str]]
@@ -122,7 +124,7 @@ class Book:
         return cls(path, tomllib.loads(path.read_text(encoding="utf-8")) if path.exists() else {})
 
     def write(self, texts: Mapping[str, list[str]]) -> None:
-        """Write the texts where they differ from those that are held; tests without any are left out."""
+        """Write the texts if they differ from those in the file; tests without texts are left out."""
         kept = {name: list(texts[name]) for name in sorted(texts) if texts[name]}
         if kept == self.texts:
             return
@@ -136,12 +138,12 @@ class Book:
 
 @dataclass
 class Running:
-    """The test that runs now, and the texts that it met."""
+    """The test that is running, and its texts so far."""
 
     book: Book
     name: str
     regenerates: bool
-    is_rare: bool  # nightly, or one of tools: another case of its test, that runs every day, holds the text
+    is_rare: bool  # whether it runs only nightly or with certain tools; another case of its test then has the texts
     met: list[str] = field(default_factory=list)
 
     @property
@@ -149,7 +151,7 @@ class Running:
         return self.book.texts.get(self.name, [])
 
     def meet(self, text: str) -> None:
-        """Take the next text of the test: it is kept, or compared with the one that is held."""
+        """Store the next text of the test, or compare it with the golden one."""
         if self.is_rare:
             cases = self.name.partition("[")[0] + "["
             assert any(name.startswith(cases) for name in self.book.texts), "no test of every day holds this: use codes"
@@ -162,7 +164,7 @@ class Running:
         assert text == self.held[place], f"text {place + 1} of {self.book.path.name} differs: {_WAY_OUT}"
 
     def end(self, *, has_passed: bool) -> None:
-        """Write the texts of the test; one that failed keeps those that it did not reach."""
+        """Write the texts of the test; a test that failed keeps the texts that it did not reach."""
         if self.is_rare:
             return
         if self.regenerates:
@@ -176,7 +178,7 @@ _WAY_OUT = "`uv run pytest --regenerate`, then review the diff"
 
 
 class Sentences:
-    """The plugin: it tells which test runs, and drops the texts of tests that are there no more."""
+    """Plugin of pytest that knows the running test, and removes the texts of tests that no longer exist."""
 
     running: Running | None = None
 
@@ -194,7 +196,7 @@ class Sentences:
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_call(self, item: pytest.Item) -> Generator[None, None, None]:
-        """Hold the sentences of one test."""
+        """Handle the sentences of one test."""
         if not item.path.is_relative_to(TESTS) or item.path.suffix != ".py":
             return (yield)
         book = self.books.setdefault(item.path, Book.of(item.path))
@@ -210,7 +212,7 @@ class Sentences:
         return result
 
     def pytest_sessionfinish(self) -> None:
-        """Drop the texts of tests that a module has no more."""
+        """Remove the texts of tests that a module no longer has."""
         if self.regenerates and not self.is_partial:
             for module, book in self.books.items():
                 there = self.collected.get(module, set())
@@ -218,7 +220,7 @@ class Sentences:
 
 
 def is_rare(item: pytest.Item) -> bool:
-    """Whether ``pytest`` alone leaves a test out."""
+    """Whether plain ``pytest`` leaves a test out."""
     return any(item.get_closest_marker(mark) is not None for mark in ("nightly", "tools"))
 
 
@@ -228,7 +230,7 @@ def name_of(item: pytest.Item) -> str:
 
 
 def in_toml(texts: Mapping[str, Sequence[str]]) -> str:
-    """Write an array of texts for each test, a text of several lines as it is read.
+    """Write a list of texts for each test in TOML; a text of several lines stays readable.
 
     >>> print(in_toml({"test_a": ["one"], "test_b[1]": ["two", "three"]}), end="")
     test_a = [

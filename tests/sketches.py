@@ -1,4 +1,4 @@
-"""What boards print, by docs/line-shapes.toml: the lines of a simulated recording, and the numbers in them."""
+"""Lines that boards print, by docs/line-shapes.toml: those of a simulated recording, and the numbers in them."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ DOCS: Final = Path(__file__).parents[1] / "docs"
 SHAPES: Final[list[dict[str, Any]]] = tomllib.loads((DOCS / "line-shapes.toml").read_text(encoding="utf-8"))["shape"]
 IDS: Final = [shape["name"] for shape in SHAPES]
 IN_UNIT: Final = {"uT": 1.0, "mG": 10.0, "G": 0.01, "nT": 1000.0, "mT": 1e-3, "T": 1e-6, "": 11.0}
-"""What 1 µT is in each unit; counts are of a sensor with 11 in one µT."""
+"""Number that stands for 1 µT in each unit; for counts, a sensor with 11 counts per µT."""
 WORDS: Final = ("N", "NNE", "SW")
 
 
 class Printf(string.Formatter):
-    """Formats as a sketch prints: whole numbers rounded, negative hexadecimal ones in sixteen bits."""
+    """Format of numbers as a sketch prints them: whole numbers rounded, negative hexadecimal ones in 16 bits."""
 
     def format_field(self, value: Any, spec: str) -> str:  # noqa: ANN401 - as string.Formatter
         if spec[-1:] in tuple("dxX") and not isinstance(value, str):
@@ -33,7 +33,7 @@ class Printf(string.Formatter):
 
 
 def printed(shape: dict[str, Any], samples: Samples) -> tuple[list[list[str]], Floats]:
-    """The lines of each reading, and the numbers of the magnetometer in them."""
+    """Lines of each reading, and the magnetometer's numbers in them."""
     formatter = Printf()
     acceleration, rate = np.asarray(samples.acceleration), np.asarray(samples.rate)
     scale = IN_UNIT[shape["unit"]] / shape.get("count", 1.0)
@@ -52,7 +52,7 @@ def printed(shape: dict[str, Any], samples: Samples) -> tuple[list[list[str]], F
 
 
 def _number(shape: dict[str, Any], formatter: Printf, name: str, values: dict[str, Any]) -> float:
-    """A number of the magnetometer as it was printed."""
+    """A number of the magnetometer, with the digits that were printed."""
     fields = (field for line in shape["lines"] for _, *field in string.Formatter().parse(line))
     spec = next(str(spec) for field, spec, _ in fields if field == name)
     number = float(formatter.format_field(values[name], "d" if spec[-1:] in tuple("xX") else spec))

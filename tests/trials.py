@@ -1,9 +1,9 @@
-"""How often a claim is tried: a few times in every run, hundreds of times by ``pytest -m claims``.
+"""Number of trials of a claim: a few in every run, hundreds with ``pytest -m claims``.
 
-The same for the examples of a law: `examples`, all of them by ``pytest --hypothesis-profile=full``.
+`examples` does the same for the examples of a law; ``pytest --hypothesis-profile=full`` runs all of them.
 
-A bound that holds for the mean of all trials is √(all / few) times as wide for the mean of a few, which is `widening`:
-a smoke test of few trials still fails where the claim is wrong by more than that.
+A bound for the mean of all trials must be √(all / few) times as wide for the mean of a few trials, which is `widening`.
+A smoke test with few trials still fails if the claim is wrong by more than that.
 
 >>> few = Trials.choose(False, 400, 25)
 >>> few.count, few.widening
@@ -32,7 +32,7 @@ class Trials:
     ----------
     count : int
     widening : float
-        How much wider the bounds of all trials are made for these: 1 for all.
+        Factor by which bounds are wider than for all trials; 1 for all trials.
     """
 
     count: int
@@ -45,11 +45,11 @@ class Trials:
 
     @property
     def seeds(self) -> range:
-        """One seed a trial."""
+        """One seed for each trial."""
         return range(self.count)
 
     def ratios(self, low: float, high: float) -> tuple[float, float]:
-        """Bounds of a ratio, of which all trials keep ``low < ratio < high``."""
+        """Bounds of a ratio; for all trials they are ``low`` and ``high``."""
         return low**self.widening, high**self.widening
 
 
@@ -57,19 +57,19 @@ Choose: TypeAlias = Callable[[int, int], Trials]
 
 
 def examples(complete: int) -> settings:
-    """Settings of a law: so many examples under ``--hypothesis-profile=full``, else one in ten, at least three."""
+    """Settings of a law: all examples with ``--hypothesis-profile=full``, else one in ten and at least three."""
     return settings(max_examples=max(min(3, complete), complete * settings().max_examples // 100))
 
 
 def nightly(*values: object) -> ParameterSet:
-    """A case of a parametrised test that only a night runs, because others go the same path."""
+    """A case of a parametrised test that only nightly runs include, since other cases take the same path."""
     return pytest.param(*values, marks=pytest.mark.nightly)
 
 
 def daily(cases: Collection[object], every: int | None = None) -> list[ParameterSet]:
-    """Cases of one path: every run takes the first and then each `every`-th, a night takes the others too.
+    """Cases that take the same path: every run includes the first and then each `every`-th, nightly runs include all.
 
-    A tuple holds the values of a case.
+    A case can be a tuple of values.
 
     >>> [len(case.marks) for case in daily(["bag", "mcap", ("db3", 3), "zip"], 2)]
     [0, 1, 0, 1]

@@ -1,4 +1,4 @@
-"""Waiting for what is to happen: a test waits for a state, not for a time, so that it holds on a busy machine.
+"""Waiting in tests: for a state and not for a time, so that tests pass on a busy machine.
 
 >>> moments = iter([False, False, True])
 >>> wait_until(lambda: next(moments))
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 PATIENCE_S: Final = 60.0
-"""Until what has not happened is taken for a fault, however busy the machine is."""
+"""Time in s after which a state that was not reached counts as a fault, however busy the machine is."""
 LOOK_S: Final = 0.005
 
 
 def wait_until(is_so: Callable[[], object], why: Callable[[], object] = lambda: "") -> None:
-    """Wait until something is so; the test fails where it still is not after a minute, with `why`."""
+    """Wait until a condition is true; after a minute the test fails, with the reason `why`."""
     end = time.monotonic() + PATIENCE_S
     while not is_so():
         if time.monotonic() > end:
@@ -32,7 +32,7 @@ def wait_until(is_so: Callable[[], object], why: Callable[[], object] = lambda: 
 
 
 def running_in(session: int) -> list[str]:
-    """Processes of a session that have not ended, by their lines in ``/proc``: number, name, state, parent …"""
+    """Processes of a session that have not ended, as lines from ``/proc``: number, name, state, parent …"""
     lines = []
     for path in Path("/proc").glob("[0-9]*/stat"):
         with contextlib.suppress(OSError):  # it has ended since
@@ -42,9 +42,9 @@ def running_in(session: int) -> list[str]:
 
 
 class Heartbeat(threading.Thread):
-    """Measures how long this machine keeps a thread waiting that wants to run every few milliseconds.
+    """Measures for how long this machine delays a thread that is to run every few milliseconds.
 
-    A claim about seconds of wall-clock time is widened by `worst_s`: on a quiet machine that is a few milliseconds.
+    Limits of wall-clock time are widened by `worst_s`; on a quiet machine that is a few milliseconds.
 
     >>> with Heartbeat() as heartbeat:
     ...     time.sleep(0.05)

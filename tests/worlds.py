@@ -1,6 +1,6 @@
-"""Worlds that tests share: a sensor of known iron, turns, disturbances, motors and several sensors on one body.
+"""Simulated worlds that tests share: a sensor with known iron, turns, disturbances, motors, sensors on one body.
 
-Each builder takes a seed and returns a recording with its truth, or readings alone.
+Each builder takes a seed, and returns a recording with its truth, or readings only.
 
 >>> turn = level_turn(1, n=4)
 >>> turn.samples.field.shape, turn.directions[:, 2].round(3).tolist()
@@ -33,10 +33,10 @@ if TYPE_CHECKING:
     from flinders.estimators import Estimate, Estimator
 
 FIELD_STRENGTH: Final = 50.0
-"""µT, of the field in all of these worlds."""
+"""Field strength in µT in all these worlds."""
 SOFT_IRON: Final = np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]])
 HARD_IRON: Final = np.array([20.0, 120.0, 90.0])
-"""mG: with `SOFT_IRON` the sensor of the MAGYC simulations, whose field is in mG too."""
+"""Hard iron in mG; with `SOFT_IRON` it makes the sensor of the MAGYC simulations, whose field is in mG too."""
 SWAPS: Final = {
     "x": np.diag([-1.0, 1.0, 1.0]),
     "y": np.diag([1.0, -1.0, 1.0]),
@@ -45,7 +45,7 @@ SWAPS: Final = {
     "yz": np.eye(3)[[0, 2, 1]],
     "zx": np.eye(3)[[2, 1, 0]],
 }
-"""What can happen to axes, each its own inverse, in the order of the engine."""
+"""Exchanges of axes, in the order of the engine; each is its own inverse."""
 SIX_READINGS: Final = np.array(
     [
         [167.4, -242.4, 91.7],
@@ -56,23 +56,23 @@ SIX_READINGS: Final = np.array(
         [192.9, -242.4, 17.1],
     ]
 )
-"""The worked example of NXP's AN4246 rev. 4."""
+"""Readings of the worked example in NXP's AN4246 rev. 4."""
 SENSOR: Final = Sensor(SOFT_IRON, np.array([20.0, -60.0, 30.0]), 0.5)
 RANDOM_SENSOR: Final = Sensor.random(np.random.default_rng(7))
 TUMBLED_SENSOR: Final = simulate.tumble(seed=2, motion="uniform").sensor
 OFFSET_SENSOR: Final = Sensor(offset=np.array([20.0, 5.0, -30.0]), noise=0.5)
-"""Without soft iron."""
+"""A sensor with hard iron only."""
 PER_AMPERE: Final = np.array([0.5, 0.0, -0.3])
-"""µT/A of a motor."""
+"""Offset of a motor in µT/A."""
 MOTORS: Final = simulate.MotorCurrent(per_ampere=PER_AMPERE)
 ARMS: Final = np.array([[0.5, 0.1, -0.3], [-0.4, 0.2, 0.3], [0.1, -0.5, 0.2], [0.2, 0.4, -0.4]])
-"""µT/A of four motors."""
+"""Offsets of four motors in µT/A."""
 TURNED: Final = rotations(np.array([[0.3, -0.2, 1.4]]))[0]
-"""From the axes of a second sensor on a body into those of the first."""
+"""(3, 3) rotation from the axes of a second sensor on a body to those of the first."""
 
 
 def table_text(header: str, table: Floats) -> str:
-    """A recording as CSV, three decimals for each number."""
+    """A recording as CSV text, with three decimals in each number."""
     rows = (",".join(f"{value:.3f}" for value in row) for row in table)
     return "\n".join([header, *rows, ""])
 
@@ -83,7 +83,7 @@ def write_field(path: str | Path, field: Floats) -> None:
 
 
 def judged(field: Floats | Samples | Joined, **options: object) -> Fit:
-    """The fit, also where it is refused."""
+    """A fit, even a refused one."""
     try:
         return flinders.fit(field, **options)  # type: ignore[arg-type]
     except Refused as error:
@@ -91,7 +91,7 @@ def judged(field: Floats | Samples | Joined, **options: object) -> Fit:
 
 
 def method_with(name: str, **options: object) -> Estimator:
-    """A method by its name, with its options."""
+    """A method with a name, and with its options."""
     return flinders.estimators.METHODS[name](**options)
 
 
@@ -100,20 +100,20 @@ def rms(values: Sequence[float]) -> float:
 
 
 class Streamed:
-    """A recording that comes in blocks of some rows, and counts how often it was gone through."""
+    """A recording that yields blocks of some rows, and counts how often it was read."""
 
     def __init__(self, samples: Samples, rows: int = 777) -> None:
         self.whole, self.rows, self.passes = samples, rows, 0
         self.source, self.unit, self.axes = samples.source, samples.unit, samples.axes
 
     def blocks(self) -> Iterator[Samples]:
-        """From the first block again."""
+        """Yield the blocks from the first one on."""
         self.passes += 1
         return self.whole.blocks(self.rows)
 
 
 def spiral(sigma: float, *, half: bool = False) -> Floats:
-    """500 directions on a Fibonacci spiral, or those with u_z > 0, and noise of one seed."""
+    """500 directions on a Fibonacci spiral, or those of them with u_z > 0, with noise of one seed."""
     i = np.arange(500) + 0.5
     z = 1.0 - 2.0 * i / 500.0
     longitude, across = np.pi * (1.0 + np.sqrt(5.0)) * i, np.sqrt(1.0 - z * z)
@@ -133,7 +133,7 @@ def level_turn(
     dip_deg: float = 60.0,
     mounted: Sequence[float] = (0.0, 0.0, 0.0),
 ) -> Simulated:
-    """A level turn of some sensor, in order, mounted turned by a rotation vector in degrees."""
+    """A level turn of a random sensor, in order of time; `mounted` is a rotation vector in degrees."""
     rng = np.random.default_rng(seed)
     sensor = Sensor.random(rng, noise=noise)
     headings = np.linspace(0.0, 360.0, n, endpoint=False) if headings_deg is None else headings_deg
@@ -146,14 +146,14 @@ def level_turn(
 
 
 def moved_alike(seed: int, share: float, moved: Floats) -> Floats:
-    """(500, 3) readings of `SENSOR` all around, the first share of them moved alike."""
+    """(500, 3) readings of `SENSOR` in all directions, of which the first share is moved by one vector."""
     field = simulate.tumble(seed=seed, motion="uniform", n=500, sensor=SENSOR).samples.field.copy()
     field[: round(share * 500)] += moved
     return field
 
 
 def passed_by_a_magnet(rows: slice) -> tuple[Simulated, Samples]:
-    """A tumble by hand, and the same while a magnet passes: 40 µT along a direction of the world."""
+    """A tumble by hand, and the same while a magnet passes: 40 µT along one direction of the world."""
     truth = simulate.tumble(seed=3, sensor=SENSOR)
     field = truth.samples.field.copy()
     assert truth.attitudes is not None
@@ -164,7 +164,7 @@ def passed_by_a_magnet(rows: slice) -> tuple[Simulated, Samples]:
 def body(
     seed: int = 1, *, motion: str = "hand", n: int = 1500, noises: tuple[float, ...] = (0.5, 0.5), same: bool = False
 ) -> tuple[dict[str, Samples], list[Sensor], Floats]:
-    """Recordings of sensors on one body, and the true direction of the field; all but the first are `TURNED`."""
+    """Recordings of sensors on one body, and the true direction of the field; all but the first sensor are `TURNED`."""
     rng = np.random.default_rng([seed, 17])
     path = simulate.tumble(seed=seed, motion=motion, n=n)
     recordings, sensors = {}, []
@@ -178,7 +178,7 @@ def body(
 
 
 def with_slow_noise(field: Floats, *, sigma: float, memory: float, seed: int = 1) -> Floats:
-    """Readings (N, 3) with an Ornstein–Uhlenbeck disturbance of each axis, whose memory is so many readings."""
+    """(N, 3) readings with an Ornstein–Uhlenbeck disturbance of each axis, with `memory` readings as time constant."""
     decay = np.exp(-1.0 / memory)
     steps = np.sqrt(1.0 - decay**2) * np.random.default_rng(seed).normal(size=field.shape)
     course = np.zeros_like(field)
@@ -188,7 +188,7 @@ def with_slow_noise(field: Floats, *, sigma: float, memory: float, seed: int = 1
 
 
 def carried_about(seed: int, *, varies: float, turns: float, rows: int = 900, noise: float = 0.3) -> Samples:
-    """A sensor that is turned over so often while it wanders through a field that varies by a share (rms) of itself."""
+    """A sensor that is turned while it is carried through a field; the field varies by a fraction (rms) of itself."""
     rng = np.random.default_rng([seed, round(1000 * varies), round(10 * turns)])
     rate = motions.smooth_noise(rng, rows, 1.0 - 3.0 * max(turns, 1.0) / rows)
     rate *= 2.0 * np.pi * turns / np.linalg.norm(rate, axis=1).sum()
@@ -208,9 +208,9 @@ def carried_about(seed: int, *, varies: float, turns: float, rows: int = 900, no
 def walked_days(
     seed: int, *, days: float, walk: float, every_s: tuple[float, float] = (1800.0, 3600.0), rate_hz: float = 4.0
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Days of a sensor that is tumbled for half a minute now and then, whose offset walks by µT per root hour.
+    """Days of a sensor that is sometimes tumbled for half a minute, and whose offset walks by µT per root hour.
 
-    Gives times (N,) s and readings (N, 3) µT; beginnings (k,) s of tumbles, and the offset (k, 3) then.
+    Returns (N,) times in s, (N, 3) readings in µT, (k,) start times of tumbles in s, and (k, 3) offsets at these times.
     """
     rng = np.random.default_rng(seed)
     begins, now = list[float](), 0.0
@@ -229,12 +229,12 @@ def walked_days(
 
 
 def true_parameters(truth: Simulated) -> Floats:
-    """(9,) offset and the entries of F W⁻¹ that a perfect fit would find."""
+    """(9,) offset and entries of F W⁻¹ that a perfect fit finds."""
     matrix, offset = truth.sensor.correction
     return np.concatenate([offset, upper_entries(truth.field_strength * np.linalg.inv(matrix))])
 
 
 def errors(found: Estimate, truth: Simulated) -> Floats:
-    """(9,) of a fit's parameters."""
+    """(9,) errors of a fit's parameters."""
     wanted = true_parameters(truth)
     return np.concatenate([found.ellipsoid.centre, upper_entries(found.ellipsoid.shape)]) - wanted

@@ -1,6 +1,6 @@
-"""Algorithms of other projects, re-implemented from their sources and papers, for comparison with Flinders.
+"""Algorithms of other projects, written again from their sources and papers, for comparison with Flinders.
 
-They are not methods for users. Each returns the ellipsoid of a recording, without an uncertainty:
+They are not meant for users. Each returns the ellipsoid of a recording, without an uncertainty:
 
 >>> from flinders import simulate
 >>> samples = simulate.tumble(seed=1, motion="swayed", n=1500).samples

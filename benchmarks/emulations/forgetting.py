@@ -1,7 +1,8 @@
-"""Least squares with exponential forgetting: the consistent ellipsoid of weighted sums.
+"""Least squares with exponential forgetting: the consistent ellipsoid from weighted sums.
 
-A reading of age a, in readings, has the weight exp(−a/m) for a memory of m readings: Σ wᵢ xᵢʲyᵢᵏzᵢˡ replaces the sums
-of `flinders.estimators.consistent`. A recursion is equivalent: multiply all sums by exp(−1/m) before each new reading.
+A reading that is a readings old has the weight exp(−a/m), for a memory of m readings: the sums Σ wᵢ xᵢʲyᵢᵏzᵢˡ replace
+those of `flinders.estimators.consistent`. This is equivalent to a recursion that multiplies all sums by exp(−1/m)
+before each new reading.
 
 The offset moves by 30 in the middle of a recording:
 
@@ -42,7 +43,7 @@ def forgetting(samples: Samples, memory: float | None = None) -> Ellipsoid:
     ----------
     samples : Samples
     memory : float, optional
-        Readings after which a weight has fallen to 1/e; None for equal weights.
+        Number of readings after which a weight has fallen to 1/e; None for equal weights.
 
     Raises
     ------

@@ -1,14 +1,14 @@
-"""Steps of readings with the angular rate, as input of the emulations with a gyro.
+"""Steps from reading to reading with the angular rate, as input of emulations that use a gyro.
 
 A field that is fixed in the world turns in the body, ẋ = −ω × (x − b). From one reading to the next, with the rate
 constant in between, u = x − b turns by the angle θ = |ω| Δt:
 
     x⁺ − x = −ω' Δt × ((x⁺ + x)/2 − b),     ω' = ω · tan(θ/2) / (θ/2)
 
-which is exact (Cayley's form of a rotation), without an error of the difference quotient. The noises of the difference
-and of the mean of two readings are independent.
+The equation is exact (Cayley's form of a rotation), while a difference quotient would have an error. The noises of the
+difference of two readings and of their mean are independent.
 
-Times are used as recorded; a new segment begins where time stands still, goes back or jumps by more than three usual
+Times are used as recorded. A new segment begins where time stands still, goes back, or jumps by more than three median
 steps.
 
 >>> from flinders import simulate
@@ -35,10 +35,10 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 MAX_GAP_STEPS: Final = 3.0
-"""Longest step between consecutive readings, in usual steps."""
+"""Longest step between consecutive readings, in median steps."""
 
 MIN_RATE_RATIO: Final = 0.05
-"""Least ratio of rates across the main axis of turning to those about it; smaller ones may be noise of the gyro."""
+"""Smallest ratio of rates across the main axis of turning to those about it; smaller ones may be noise of the gyro."""
 
 
 class NeedsRate(FitError):
@@ -46,12 +46,12 @@ class NeedsRate(FitError):
 
 
 class OneAxisTurned(FitError):
-    """The body turned about one axis alone, so the offset along that axis is unknown."""
+    """The body turned about one axis only, so that the offset along this axis is unknown."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Steps:
-    """Consecutive pairs of readings.
+    """Steps between consecutive readings.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class Steps:
     seconds : (M,) float, s
         Duration of each step.
     turn : (M, 3) float, rad/s
-        Angular rate, constant over the step: the gyro's reading at its beginning.
+        Angular rate, which counts as constant over the step: the reading of the gyro at its beginning.
     """
 
     first: Floats
@@ -80,19 +80,19 @@ class Steps:
 
     @property
     def middle(self) -> Floats:
-        """(M, 3) mean of the two readings."""
+        """(M, 3) mean of the two readings of each step."""
         middle: Floats = (self.begin + self.last) / 2.0
         return middle
 
     @property
     def slope(self) -> Floats:
-        """(M, 3) difference of the two readings per second."""
+        """(M, 3) difference of the two readings of each step, per second."""
         slope: Floats = (self.last - self.begin) / self.seconds[:, np.newaxis]
         return slope
 
     @property
     def rate(self) -> Floats:
-        """(M, 3) ω' of the module's docstring, rad/s."""
+        """(M, 3) ω' of the equation above, in rad/s."""
         half = np.linalg.norm(self.turn, axis=1) * self.seconds / 2.0
         stretched: Floats = self.turn * np.where(half > 1e-8, np.tan(half) / np.maximum(half, 1e-8), 1.0)[:, np.newaxis]
         return stretched
@@ -104,9 +104,9 @@ def steps_of(samples: Samples) -> list[Steps]:
     Raises
     ------
     NeedsRate
-        Without an angular rate, without times, or without two consecutive readings.
+        If angular rate or times are missing, or there are no two consecutive readings.
     OneAxisTurned
-        If the root mean square rate across the main axis is below a twentieth of that about it.
+        If the rms rate across the main axis is less than a twentieth of that about it.
     """
     if samples.rate is None or samples.time is None:
         raise NeedsRate("the emulations with a gyro need an angular rate and times")
@@ -119,12 +119,12 @@ def steps_of(samples: Samples) -> list[Steps]:
 
 
 def sphere_about(centre: Floats, samples: Samples) -> Ellipsoid:
-    """Sphere about a centre (3,), with the root mean square distance of the readings as radius.
+    """Sphere about a (3,) centre, whose radius is the rms distance of the readings.
 
     Raises
     ------
     NotAnEllipsoid
-        For a centre that is not finite, as of a divergent observer.
+        For a centre that is not finite, such as that of an observer that diverges.
     """
     moments = Moments.of(samples.field)
     with np.errstate(over="ignore"):
@@ -144,7 +144,7 @@ def _require_two_axes(steps: list[Steps]) -> None:
 
 
 def _split(field: Floats, time: Floats, rate: Floats) -> list[Steps]:
-    """Segments of consecutive readings, split at irregular times."""
+    """Segments of consecutive readings, split where times are irregular."""
     seconds = np.diff(time)
     if not np.any(seconds > 0.0):
         return []

@@ -1,30 +1,31 @@
-"""NXP's solvers of 4, 7 and 10 elements: sphere, axis-aligned ellipsoid and general ellipsoid, as readings grow.
+"""NXP's solvers with 4, 7 and 10 elements: sphere, ellipsoid along the axes, general ellipsoid.
 
-The Freescale and NXP sensor fusion libraries and MotionCal run them on a microcontroller while the sensor moves. A
-buffer holds up to 240 dissimilar readings. Every 20 readings the richest solver that the buffer allows is tried: 4
-elements (a sphere, from 40 readings), 7 (an ellipsoid along the axes, from 100), 10 (a general one, from 150). A trial
-is accepted if its field is in the range of the earth's (22 to 67 µT, if the unit is known) and one of these holds:
+The Freescale and NXP sensor fusion libraries and MotionCal run these solvers on a microcontroller while the sensor
+moves. A buffer contains up to 240 readings that differ. After every 20 readings the richest solver for which the buffer
+has enough readings is tried: 4 elements (a sphere) from 40 readings on, 7 (an ellipsoid along the axes) from 100, 10 (a
+general ellipsoid) from 150. A trial is accepted if its field is within the range of the earth's (22 to 67 µT, if the
+unit is known), and if one of these is true:
 
-* nothing was accepted yet;
-* its fit error ε is at most that of the solution in use, which grows by 2 % with each trial;
-* it comes from a higher rung, and ε is at most 4 %.
+* no trial was accepted before;
+* its fit error ε is not larger than that of the solution in use, which grows by 2 % with each trial;
+* it is from a higher rung, and ε is at most 4 %.
 
-ε is `fit_error`. A trial of 4 elements has an error of at least 12 %, one of 7 of at least 7.5 %, and the solution in
-use of at least 2 %, so that richer solvers and newer readings replace it.
+ε is `fit_error`. It counts as at least 12 % for 4 elements, at least 7.5 % for 7, and at least 2 % for the solution in
+use, so that richer solvers and newer readings replace that solution.
 
-Reproduced of ``magnetic.c``: the 12 × 24 bins by the tangents x/z and y/z of readings corrected with what is in
-use, the 240 latest of them, the mesh of 5 µT while the buffer fills [1]_; the numbers of readings, the interval,
-the floors, the aging and the rules as MotionCal has them [2]_; the first reading of the buffer removed and 50 µT
-for unit, and eigenvectors of unit length for 7 and 10 elements (AN4246, AN5019).
+From ``magnetic.c`` are: the 12 × 24 bins by the tangents x/z and y/z of readings that the calibration in use corrects,
+the latest 240 readings, and the mesh of 5 µT while the buffer fills [1]_. From MotionCal are the numbers of readings,
+the interval, the floors, the aging and the rules [2]_. As in AN4246 and AN5019, the first reading of the buffer is
+subtracted, the unit is 50 µT, and eigenvectors for 7 and 10 elements have unit length.
 
-Not reproduced: integer counts and their rounding; time slices, during which the buffer is closed; MotionCal's own
-buffer of 650 readings. Other editions have other numbers (50 or 100 readings for the sphere, 10 to 90 µT, aging
-by the clock, 3.5 % in place of 4 %, nothing above 15 %, a buffer that is emptied after a failure). 12 % and 7.5 %
-are at times quoted as ceilings beyond which nothing is accepted: in the source they are floors.
+Left out are: integer counts and their rounding; time slices during which the buffer is closed; MotionCal's own buffer
+of 650 readings. Other editions have other numbers: 50 or 100 readings for the sphere, 10 to 90 µT, aging by the clock,
+3.5 % instead of 4 %, nothing above 15 %, a buffer that is emptied after a failure. 12 % and 7.5 % are sometimes quoted
+as the largest accepted errors; in the source they are floors.
 
-Where ``magnetic.c`` changes the sign of a quadric with a negative determinant and takes roots of absolute values,
-and so lets an open surface pass for an ellipsoid, all three eigenvalues are looked at here, and such a
-trial is not accepted. Without a unit any field is, and the mesh is a tenth of the spread of all readings.
+For a quadric with a negative determinant, ``magnetic.c`` changes the sign and takes roots of absolute values, and an
+open surface can then pass for an ellipsoid. Here all three eigenvalues are checked, and such a trial is not accepted.
+If the unit is not known, any field is accepted, and the mesh is a tenth of the spread of all readings.
 
 .. [1] Freescale Sensor Fusion Library 5.00 (2015), ``magnetic.c``; NXP AN4246 and AN5019.
 .. [2] P. Stoffregen, MotionCal (2016), ``magcal.c``, after Freescale's of 2014.
@@ -64,16 +65,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Rung:
-    """One of the solvers.
+    """One solver of the ladder.
 
     Attributes
     ----------
     elements : int
-        Number of coefficients, which names the solver.
+        Number of coefficients, by which the solver is named.
     least : int
-        Least number of readings in the buffer to run it.
+        Smallest number of readings in the buffer with which it runs.
     floor : float
-        Least fit error assigned to it, so that a richer solver can replace it.
+        Smallest fit error that it counts with, so that a richer solver can replace it.
     """
 
     elements: int
@@ -82,40 +83,41 @@ class Rung:
 
 
 RUNGS: Final = (Rung(4, 40, 0.12), Rung(7, 100, 0.075), Rung(10, 150, 0.0))
-"""From the lowest to the highest."""
+"""Solvers, from the poorest to the richest."""
 
 BINS, BUFFER_SIZE = 12, 240
-"""Bins of a ratio of two axes (there are 12 × 24), and readings that the buffer holds."""
+"""Bins of a ratio of two axes, of which there are 12 × 24; and number of readings in the buffer."""
 
 MESH_UT, MESH_SHARE = 5.0, 0.1
-"""Least distance |Δx| + |Δy| + |Δz| of a new reading from others while the buffer fills: in µT, and as a share of the
-spread without a unit."""
+"""Smallest distance |Δx| + |Δy| + |Δz| of a new reading from others while the buffer fills.
+
+In µT; without a unit, as a fraction of the spread of the readings."""
 
 INTERVAL: Final = 20
-"""Readings from one trial to the next."""
+"""Number of readings from one trial to the next."""
 
 AGING: Final = 1.02
 """Factor by which the fit error of the solution in use grows with each trial."""
 
 WEAKEST_UT, STRONGEST_UT = 22.0, 67.0
-"""Range of the earth's field for accepted trials."""
+"""Range of the earth's field in µT within which trials are accepted."""
 
 MAX_UPGRADE_ERROR, MIN_STORED_ERROR = 0.04, 0.02
-"""Fit error at which a higher rung is accepted in any case; and the least stored fit error."""
+"""Largest fit error with which a higher rung is accepted in any case; and smallest fit error that is stored."""
 
 DEFAULT_UT: Final = 50.0
-"""Divisor of readings, on which eigenvectors of unit length depend."""
+"""Divisor of readings; eigenvectors of unit length depend on it."""
 
 TANGENTS: Final = np.tan(np.pi * (np.arange(1, BINS) / BINS - 0.5))
 
 
 class NothingAccepted(FitError):
-    """No trial was accepted: too few dissimilar readings, an open surface, or a field out of the earth's range."""
+    """No trial was accepted: too few different readings, an open surface, or a field outside the earth's range."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Accepted:
-    """A calibration in use, and its solver."""
+    """A calibration in use, and the solver that found it."""
 
     ellipsoid: Ellipsoid
     elements: int
@@ -149,7 +151,7 @@ def climbed(samples: Samples) -> Iterator[tuple[int, Accepted | None]]:
 
 
 class _Climb:
-    """Buffer, calibration in use, and its growing fit error."""
+    """The buffer, the calibration in use, and the fit error of that calibration, which grows."""
 
     def __init__(self, mesh: float, scale: float, *, is_known: bool) -> None:
         self.accepted: Accepted | None = None
@@ -158,7 +160,7 @@ class _Climb:
         self._error = np.inf
 
     def take(self, field: Floats) -> None:
-        """Offer some readings to the buffer, corrected with the calibration in use."""
+        """Offer readings to the buffer, after correction by the calibration in use."""
         corrected = field
         if self.accepted is not None:
             found = self.accepted.ellipsoid
@@ -186,7 +188,7 @@ class _Climb:
 
 
 class _Buffer:
-    """Latest reading of each of 12 × 24 bins; while it fills, free bins also hold readings far from all others."""
+    """Latest reading in each of 12 × 24 bins; while it fills, free bins also store readings far from all others."""
 
     def __init__(self, mesh: float) -> None:
         self._mesh = mesh
@@ -200,7 +202,7 @@ class _Buffer:
         return self._field[self._stamps >= 0]
 
     def take(self, field: Floats, bins: NDArray[np.int64]) -> None:
-        """Add (N, 3) readings with (N,) bins; skips readings with bin −1."""
+        """Add (N, 3) readings with (N,) bins; readings with the bin −1 are skipped."""
         for reading, place in zip(field, bins.tolist(), strict=True):
             self._seen += 1
             if place >= 0:
@@ -219,12 +221,12 @@ class _Buffer:
         self._field[place], self._stamps[place] = reading, self._seen
 
     def _is_far(self, reading: Floats, places: NDArray[np.int64]) -> bool:
-        """Whether a reading is at least a mesh away from the readings at some places."""
+        """Whether a reading has at least the distance of a mesh from the readings at some places."""
         return bool(np.abs(self._field[places] - reading).sum(axis=1).min() >= self._mesh)
 
 
 def bins_of(corrected: Floats) -> NDArray[np.int64]:
-    """(N,) bins of (N, 3) corrected readings: x/z in twelve, y/z in twelve, each twice for the sign of x; −1 for z = 0.
+    """(N,) bins of (N, 3) corrected readings: 12 of x/z by 12 of y/z, twice for the sign of x; −1 for z = 0.
 
     >>> bins_of(np.array([[2.0, 2.0, 1.0], [-2.0, 2.0, 1.0], [1.0, 1.0, 0.0]]))
     array([250,  46,  -1])
@@ -237,14 +239,14 @@ def bins_of(corrected: Floats) -> NDArray[np.int64]:
 
 
 def solved(field: Floats, elements: int, scale: float) -> tuple[Ellipsoid, float]:
-    """Ellipsoid with 4, 7 or 10 elements of (M, 3) readings, and its fit error.
+    """Ellipsoid with 4, 7 or 10 elements through (M, 3) readings, and its fit error.
 
     Raises
     ------
     NotAnEllipsoid
         If the surface is open.
     LinAlgError
-        If the readings lie in one plane, so that many spheres fit.
+        If the readings are in one plane, so that many spheres fit them.
 
     Examples
     --------

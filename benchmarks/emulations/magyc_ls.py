@@ -1,15 +1,15 @@
 """MAGYC's least squares: offset, soft iron and gyro bias from the derivative of the readings and the angular rate.
 
-Minimises ``Σ |[ω − d]× (C m − c) + C ṁ|²`` over windows, each with the medians of m, ṁ and ω, where
+Minimises ``Σ |[ω − d]× (C m − c) + C ṁ|²`` over windows with the medians of m, ṁ and ω, where
 
     C = S⁻¹ = L Lᵀ,     L = [[e^l₀, 0, 0], [l₁, e^l₂, 0], [l₃, l₄, e^(−l₀−l₂)]]     (det C = 1)
 
-and b = C⁻¹c: eleven parameters (l, c, d). It starts from no iron and no bias, as published, and takes
-Levenberg–Marquardt steps. Windows of one reading are published as MAGYC-NLS, of 25 as the factor graphs MAGYC-BFG and
-MAGYC-IFG have them.
+and b = C⁻¹c. The eleven parameters are (l, c, d). As published, the iteration starts without iron and bias, and takes
+Levenberg–Marquardt steps. Windows of one reading are published as MAGYC-NLS; windows of 25 as in the factor graphs
+MAGYC-BFG and MAGYC-IFG.
 
-A re-implementation from the equations, with m and ṁ as in `benchmarks.emulations.gyro_windows`, not the authors' code
-and not their factor graph. The size is the root mean square of C (x − b).
+This is written from the equations, with m and ṁ of `benchmarks.emulations.gyro_windows`; it is neither the authors'
+code nor their factor graph. The size of the ellipsoid is the root mean square of C (x − b).
 
 S. Rodríguez-Martínez, G. Troni, "Full magnetometer and gyroscope bias estimation using angular rates: theory and
 experimental evaluation of a factor graph-based approach" (2024), with the package ``magyc``, whose functions
@@ -47,18 +47,18 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 WINDOW: Final = 25
-"""Readings per window, represented by their medians, as published for the factor graphs."""
+"""Number of readings in a window, which their medians represent, as published for the factor graphs."""
 
 PARAMETERS: Final = 11
 
 STEPS: Final = 200
-"""Levenberg–Marquardt steps; a dozen are usual."""
+"""Largest number of Levenberg–Marquardt steps; a dozen are usual."""
 
 MIN_STEP: Final = 1e-10
-"""Step, in the scale of the readings and in rad/s, at which the iteration ends."""
+"""Size of a step at which the iteration ends, relative to the size of the readings, and in rad/s."""
 
 MAX_AXIS_RATIO: Final = 100.0
-"""Largest ratio of longest to shortest axis; beyond it, the fit has diverged along an undetermined direction."""
+"""Largest ratio of the longest to the shortest axis. Beyond it, the fit has diverged in an undetermined direction."""
 
 
 def magyc_ls(samples: Samples, window: int = WINDOW) -> Ellipsoid:
@@ -69,9 +69,9 @@ def magyc_ls(samples: Samples, window: int = WINDOW) -> Ellipsoid:
     NeedsRate, OneAxisTurned
         See `benchmarks.emulations.gyro_windows.steps_of`.
     TooFewSamples
-        For fewer windows than determine the parameters.
+        If there are fewer windows than are needed for the parameters.
     NotAnEllipsoid
-        If the fit diverges to a shape a hundred times as long as wide.
+        If the fit diverges to an ellipsoid a hundred times as long as wide.
     """
     moments = Moments.of(samples.field)
     origin, scale = moments.mean, moments.spread
@@ -83,17 +83,17 @@ def magyc_ls(samples: Samples, window: int = WINDOW) -> Ellipsoid:
 
 
 def gyro_bias(samples: Samples, window: int = WINDOW) -> Floats:
-    """(3,) bias of the gyro, in rad/s, of the same fit."""
+    """(3,) bias of the gyro in rad/s, by the same fit."""
     return settled(windows_of(samples, window))[8:]
 
 
 def windows_of(samples: Samples, window: int) -> Windows:
-    """Windows of a recording, relative to its mean and spread.
+    """Windows of a recording, with readings relative to their mean and spread.
 
     Raises
     ------
     TooFewSamples
-        For fewer windows than determine the parameters.
+        If there are fewer windows than are needed for the parameters.
     """
     moments = Moments.of(samples.field)
     windows = Windows.of(steps_of(samples), moments.mean, moments.spread, window)
@@ -105,7 +105,7 @@ def windows_of(samples: Samples, window: int) -> Windows:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Windows:
-    """Medians of consecutive steps, scaled so that readings have a size of about one.
+    """Medians of consecutive steps, scaled so that readings are about 1 long.
 
     Attributes
     ----------
@@ -120,7 +120,7 @@ class Windows:
 
     @classmethod
     def of(cls, steps: list[Steps], origin: Floats, scale: float, window: int) -> Self:
-        """Medians of windows of some steps; incomplete windows at the end of a segment are left out."""
+        """Windows of some steps with their medians; an incomplete window at the end of a segment is left out."""
         columns = [((one.middle - origin) / scale, one.slope / scale, one.rate) for one in steps]
         field, slope, rate = (
             np.concatenate([_medians(part, window) for part in parts]) for parts in zip(*columns, strict=True)
@@ -128,7 +128,7 @@ class Windows:
         return cls(field, slope, rate)
 
     def residuals(self, theta: Floats) -> tuple[Floats, Floats]:
-        """(K, 3) residuals at θ = (l, c, d), and (K, 3, 11) their Jacobian."""
+        """(K, 3) residuals at θ = (l, c, d), and their (K, 3, 11) Jacobian."""
         root, roots = _root(theta[:5])
         form = root @ root.T  # C
         rate = self.rate - theta[8:]
@@ -146,7 +146,7 @@ class Windows:
 
 
 def settled(windows: Windows) -> Floats:
-    """(11,) θ = (l, c, d) at the minimum reached by Levenberg–Marquardt steps from zero.
+    """(11,) θ = (l, c, d) at the minimum that Levenberg–Marquardt steps reach from zero.
 
     Raises
     ------
@@ -179,7 +179,7 @@ def settled(windows: Windows) -> Floats:
 
 
 def _ellipsoid(theta: Floats, scatter: Floats) -> Ellipsoid:
-    """The ellipsoid of θ, in the frame of the windows; its size is that of the corrected readings."""
+    """Ellipsoid for θ, in the coordinates of the windows; its size is that of corrected readings."""
     root, _ = _root(theta[:5])
     form = root @ root.T
     shape = np.linalg.inv(form)
@@ -191,7 +191,7 @@ def _ellipsoid(theta: Floats, scatter: Floats) -> Ellipsoid:
 
 
 def _root(entries: Floats) -> tuple[Floats, Floats]:
-    """(3, 3) L, and (5, 3, 3) its derivatives, of (5,) l."""
+    """(3, 3) L, and its (5, 3, 3) derivatives, for (5,) l."""
     first, second = np.exp(entries[0]), np.exp(entries[2])
     third = np.exp(-entries[0] - entries[2])
     root = np.array([[first, 0.0, 0.0], [entries[1], second, 0.0], [entries[3], entries[4], third]])
@@ -205,7 +205,7 @@ def _root(entries: Floats) -> tuple[Floats, Floats]:
 
 
 def _medians(rows: Floats, window: int) -> Floats:
-    """(K, 3) medians of groups of rows; an incomplete last group is left out."""
+    """(K, 3) medians of groups of rows; an incomplete group at the end is left out."""
     whole = len(rows) // window
     medians: Floats = np.median(rows[: whole * window].reshape(whole, window, 3), axis=1)
     return medians

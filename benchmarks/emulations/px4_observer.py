@@ -1,16 +1,17 @@
-"""PX4's online observer of the offset: a first-order recursion driven by the gyro, as PX4 runs it before take-off.
+"""PX4's online observer of the offset: a first-order recursion with the gyro, which PX4 runs before take-off.
 
-At each reading, with ω the rate and Δt the time since the last one
+At each reading, with the rate ω and the time Δt since the last reading:
 
     p = x⁻ − ω × (x⁻ − b) Δt,     b⁺ = b + g Δt · (−ω × (x − p))
 
-where x⁻ is the last reading: the measured field replaces that part of the published observer's state. An error of the
-offset across ω decays at the rate g Δt |ω|², so PX4's gain depends on its rate of readings: at 50 Hz and 1 rad/s the
-decay takes 2.5 s, at 0.1 rad/s four minutes. The observer starts at zero and ignores soft iron and the gyro's bias. Its
-linear step in place of a rotation leaves an error that grows with the square of |ω| Δt.
+x⁻ is the last reading; it replaces the field that the published observer has as a part of its state. An error of the
+offset across ω decays at the rate g Δt |ω|², so that the effect of PX4's gain depends on the rate of readings: at 50 Hz
+and 1 rad/s the decay takes 2.5 s, at 0.1 rad/s four minutes. The observer starts at zero, and ignores soft iron and the
+bias of the gyro. It uses a linear step instead of a rotation, which leaves an error that grows with the square of |ω|
+Δt.
 
-PX4's guards, which need gauss, are left out: it accepts an offset once it is above 0.04 G and nearly constant while the
-vehicle turns, and restarts from zero beyond 5 G.
+PX4's checks, which need gauss, are left out: PX4 accepts an offset when it is above 0.04 G and nearly constant while
+the vehicle turns, and restarts from zero beyond 5 G.
 
 PX4 Autopilot, ``FieldSensorBiasEstimator.hpp``, ``updateEstimate``; after G. Troni, L. L. Whitcomb, "Adaptive
 estimation of measurement bias in three-dimensional field sensors with angular-rate sensors", Robotics: Science and
@@ -36,11 +37,11 @@ if TYPE_CHECKING:
     from flinders.geometry.ellipsoid import Ellipsoid
 
 GAIN: Final = 20.0
-"""1/s, PX4's learning gain."""
+"""PX4's learning gain in 1/s."""
 
 
 def px4_observer(samples: Samples, gain: float = GAIN) -> Ellipsoid:
-    """Sphere about the offset at the end of the recording; `gain` is g, in 1/s.
+    """Sphere about the offset at the end of the recording; `gain` is g in 1/s.
 
     Raises
     ------

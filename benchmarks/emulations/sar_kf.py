@@ -1,14 +1,14 @@
-"""SAR-KF: a Kalman filter whose state is the true field and the offset, driven by the gyro.
+"""SAR-KF: a Kalman filter with a gyro, whose state is the true field and the offset.
 
     d/dt (x, b) = [[−W, W], [0, 0]] (x, b),     y = x + n,     W = [ω]×           (section IV.B)
 
-Over a step with a constant rate, x⁺ = E x + (1 − E) b with E = exp(−W Δt), exactly. The model is linear in the state,
-so no linearization is needed. Noise of the gyro moves x by σ_g Δt across x − b in each step, with the b of that step.
-The filter starts from the first reading and the mean of all, the latter with the spread of the readings as uncertainty.
-Its state has neither soft iron nor a gyro bias.
+Over a step with a constant rate, x⁺ = E x + (1 − E) b with E = exp(−W Δt) is exact. The model is linear in the state,
+so that it needs no linearization. Noise of the gyro moves x by σ_g Δt across x − b in each step, with the present
+estimate of b. The filter starts from the first reading and from the mean of all readings, whose uncertainty is the
+spread of the readings. Its state contains neither soft iron nor a bias of the gyro.
 
-G. Troni, L. L. Whitcomb (2019), see `benchmarks.emulations.sar_ls`; the published gains, one for the process and one
-for the measurement, are the two noises.
+G. Troni, L. L. Whitcomb (2019), see `benchmarks.emulations.sar_ls`. The two published gains, for the process and for
+the measurement, are the two noises.
 
 >>> from flinders import simulate
 >>> bare = simulate.Sensor(offset=[20.0, 120.0, 90.0], noise=0.1)
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from flinders.geometry.ellipsoid import Ellipsoid
 
 GYRO_NOISE: Final = 0.005
-"""rad/s, one σ of each reading: that of the published simulation, and of ordinary MEMS gyros."""
+"""Noise of each reading of the gyro, 1 σ in rad/s: that of the published simulation, and of ordinary MEMS gyros."""
 
 MEDIAN_LENGTH: Final = 1.5382
 """Median length of a vector of three standard normal numbers."""
@@ -50,9 +50,9 @@ def sar_kf(samples: Samples, noise: float | None = None, gyro_noise: float = GYR
     ----------
     samples : Samples
     noise : float, optional
-        Noise of the readings, 1 σ an axis, in their unit; by default from their third differences.
+        Noise of the readings, 1 σ of each axis, in their unit; by default from their third differences.
     gyro_noise : float, rad/s
-        One σ an axis of each reading of the gyro.
+        Noise of each reading of the gyro, 1 σ of each axis.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def _filtered(
 
 
 def noise_of(steps: list[Steps]) -> float:
-    """White noise of the readings, 1 σ an axis, from their third differences, which are small in a smooth turn.
+    """White noise of the readings, 1 σ of each axis, from their third differences, which are small in a smooth turn.
 
     >>> from benchmarks.emulations.gyro_windows import Steps
     >>> white = np.random.default_rng(1).normal(size=(2000, 3))

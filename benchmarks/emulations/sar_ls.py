@@ -4,15 +4,15 @@ Minimises ``Σ |ẋ + ω × (x − b)|²``. With W = [ω]× and y = ẋ + ω × 
 
     b = (Σ WᵀW)⁻¹ Σ Wᵀy                                             (section IV.A)
 
-ẋ is the difference of consecutive readings by `benchmarks.emulations.gyro_windows`, exact without noise. At high rates
-of readings, differences are mostly noise; a bias of the gyro changes the offset by about bias × field / rate; and the
-model has no soft iron.
+ẋ is the difference of consecutive readings by `benchmarks.emulations.gyro_windows`, which is exact without noise. At
+high rates of readings the differences are mostly noise. A bias of the gyro changes the offset by about bias × field /
+rate. The model has no soft iron.
 
 G. Troni, L. L. Whitcomb, "Field sensor bias calibration with angular-rate sensors: theory and experimental evaluation
-with application to magnetometer calibration", IEEE/ASME Trans. Mechatronics 24 (2019) 1698–1710. The equations as in an
-implementation by its first author, whose element-wise square of W is no WᵀW and is not repeated.
+with application to magnetometer calibration", IEEE/ASME Trans. Mechatronics 24 (2019) 1698–1710. The equations are
+those of an implementation by the first author, except that it squares W element by element, which is not WᵀW.
 
-A vehicle that tilts by 35° at most, without noise:
+A vehicle that tilts by at most 35°, without noise:
 
 >>> from flinders import simulate
 >>> calm = simulate.Imu(gyro_noise=0.0)

@@ -131,7 +131,7 @@ _HOMES: Final = {
     "simulate": "simulate",
     "units": "core.units",
 }
-"""Public names and the module that defines each; if the module has the same name, the name is the module."""
+"""Module that defines each public name; a name equal to its module's last part is the module itself."""
 
 
 def _public_names() -> dict[str, str]:

@@ -154,12 +154,12 @@ class Value:
         return type(self), tuple(getattr(self, field.name) for field in fields(cast("Any", self)))
 
     def _numbers(self) -> tuple[object, ...]:
-        """Values of all fields, arrays as tuples."""
+        """Values of all fields, with arrays as tuples."""
         return tuple(tuple(each.flat) if isinstance(each, np.ndarray) else each for each in self.__reduce__()[1])
 
 
 def check_column(values: ArrayLike, rows: int, name: str) -> Floats:
-    """Check an array of one value for each of `rows` rows.
+    """Check an array of `rows` values.
 
     Raises `ArrayError` with the shape of the array.
     """

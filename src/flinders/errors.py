@@ -231,7 +231,7 @@ class NoOnboardCalibration(InputError):
 
 
 class MissingExtra(InputError):
-    """A format whose `package` is not installed; `extra` is the extra of Flinders with all `packages` that it needs.
+    """A format that needs a `package` which is not installed; ``pip install flinders[extra]`` installs `packages`.
 
     >>> print(MissingExtra("serialx", "serial", "a serial port", ["serialx"]))
     a serial port needs serialx, which is not installed: pip install serialx (with uv: uv pip install serialx)
@@ -302,7 +302,7 @@ class TooFewSamples(FitError):
 
 
 class StuckAxis(FitError):
-    """Axes that have the same value in every reading (`axes`: their names; `values`: their readings)."""
+    """Axes that have the same value in every reading (`axes`: names of the axes; `values`: the constant values)."""
 
     code = "stuck-axis"
 
@@ -329,7 +329,7 @@ def _round_up(angle: float) -> str:
 
 
 class Unmoved(FitError):
-    """All readings are within a small angle (`angle_deg`) of one direction: the sensor was hardly turned.
+    """All readings are within a small angle of one direction (`angle_deg`, degrees): the sensor was hardly turned.
 
     `flinders.diagnostics.unmoved` computes the angle.
     """
@@ -344,7 +344,10 @@ class Unmoved(FitError):
 
 
 class NotTurned(FitError):
-    """A still sensor whose readings follow a disturbance (`left`: residual of an axis, 1 σ, in the readings' unit)."""
+    """A still sensor whose readings follow a disturbance.
+
+    `left` is the rms residual of an axis after the disturbance is removed, in the unit of the readings.
+    """
 
     code = "not-turned"
 
@@ -362,7 +365,7 @@ class NotTurned(FitError):
 
 
 class FollowsAttitude(FitError):
-    """A column that follows the direction of the field (`share` of its variance), like soft iron."""
+    """A column that depends on the field's direction, like soft iron (`share`: explained part of its variance)."""
 
     code = "follows-attitude"
 
@@ -378,7 +381,7 @@ class FollowsAttitude(FitError):
 
 
 class OutOfScale(FitError):
-    """Readings outside the range of any magnetometer (`size`: the largest)."""
+    """Readings outside the range of any magnetometer (`size`: largest absolute value)."""
 
     code = "out-of-scale"
     MIN_SIZE: ClassVar[float] = 1e-300
@@ -390,7 +393,10 @@ class OutOfScale(FitError):
 
 
 class NotAnEllipsoid(FitError):
-    """The best quadric is open (`eigenvalues` of its quadratic form, relative to the largest, if known)."""
+    """The quadric that fits the readings best is not an ellipsoid.
+
+    `eigenvalues` are those of its quadratic form, relative to the largest; empty if they are not known.
+    """
 
     code = "not-an-ellipsoid"
 
@@ -408,7 +414,7 @@ class NotAnEllipsoid(FitError):
 
 
 class Undetermined(FitError):
-    """Readings do not determine `unseen` of the nine parameters, and there is no prior on them."""
+    """Readings that leave some of the nine parameters undetermined, without a prior (`unseen`: number of these)."""
 
     code = "undetermined"
 
@@ -422,7 +428,10 @@ class Undetermined(FitError):
 
 
 class MissingPose(FitError):
-    """Still poses do not determine all offsets and gains of an accelerometer; evidence `side`: the next side up."""
+    """Still poses that do not determine all offsets and gains of an accelerometer.
+
+    `side` in the evidence is the side to turn up in the next pose.
+    """
 
     code = "missing-pose"
 
@@ -454,7 +463,7 @@ class NeedsRecording(FitError):
 
 
 class NotExportable(FlindersError):
-    """Values (`beyond`: their names) that the target cannot hold; `evidence` holds the parts that would be lost."""
+    """Values that a target cannot represent (`beyond`: their names); `evidence` holds the parts that would be lost."""
 
     code, exit_code = "not-exportable", 4
 

@@ -27,7 +27,9 @@ MAX_MESSAGE_LENGTH: Final = 120
 
 
 def import_optional(package: str, extra: str, what: str) -> Any:  # noqa: ANN401 - a module, and few of these have types
-    """Import an optional package such as ``h5py``; `what` is its use, with an article: ``an HDF5 file``.
+    """Import an optional package such as ``h5py``.
+
+    `what` is the thing that needs the package, with an article: ``an HDF5 file``.
 
     Raises `MissingExtra`, with the command that installs the packages of the `extra`, if the package is not installed.
     """
@@ -39,7 +41,7 @@ def import_optional(package: str, extra: str, what: str) -> Any:  # noqa: ANN401
 
 
 def packages_of_extra(extra: str) -> list[str]:
-    """Packages that an extra of Flinders installs, by its metadata; empty where that is missing.
+    """Packages that an extra of Flinders installs, from its installed metadata; empty if the metadata is missing.
 
     >>> packages_of_extra("parquet"), packages_of_extra("fleet")
     (['pyarrow'], ['dask', 'distributed', 'pyarrow'])
@@ -61,7 +63,7 @@ INPUT_ERRORS: Final = (
 
 
 def _is_bug(error: Exception) -> bool:
-    """Whether an exception is a bug of Flinders: raised in its code or in NumPy, and not caused by bytes of a file.
+    """Whether an exception is a bug of Flinders: raised in Flinders or in NumPy, and not by the bytes of a file.
 
     >>> def parsed(tag):
     ...     return tag.strip()

@@ -14,7 +14,7 @@ Verdict = Literal["good", "limited", "refused"]
 class Meaning(NamedTuple):
     """Meaning of a verdict."""
 
-    exit_code: int  #: of the command that gives it
+    exit_code: int  #: exit code of a command that gives this verdict
     title: str
     words: str
 

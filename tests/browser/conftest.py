@@ -1,6 +1,6 @@
-"""A real browser, which reaches nothing but the program that a test started, and whose complaints fail the test.
+"""A real browser that reaches only the program which a test has started; complaints of its pages fail the test.
 
-Without a browser these tests are skipped with a reason; where FLINDERS_BROWSER is ``required`` they fail.
+Without a browser these tests are skipped with a reason; they fail if FLINDERS_BROWSER is ``required``.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ HEADER: Final = "t_s,mx_uT,my_uT,mz_uT"
 
 
 def missing(what: str) -> NoReturn:
-    """Skip, or fail where browser tests are required."""
+    """Skip a test; fail it if browser tests are required."""
     if IS_REQUIRED:
         pytest.fail(f"{what}, and FLINDERS_BROWSER is required", pytrace=False)
     pytest.skip(what)
@@ -58,7 +58,7 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture(scope="session")
 def tumble(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A log of 60 s in µT: 3,000 readings of a sensor that is turned all round by hand."""
+    """A log of 60 s in µT: 3,000 readings of a sensor that is turned by hand through all directions."""
     samples = simulate.tumble(seed=3, noise=0.3).samples
     path = tmp_path_factory.mktemp("logs") / "tumble.csv"
     rows = np.column_stack([0.02 * np.arange(len(samples)), samples.field])
@@ -68,6 +68,6 @@ def tumble(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def axe(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """The source of axe-core, as web/package-lock.json has it."""
+    """Source text of axe-core, in the version of web/package-lock.json."""
     installed = package("axe-core", tmp_path_factory.mktemp("axe"), missing)
     return (installed / "axe.min.js").read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""A person with a browser, whose complaints fail the test."""
+"""A person with a browser; complaints of the pages fail the test."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ if TYPE_CHECKING:
 
 
 class Visitor:
-    """A person with a browser: opens pages, and remembers what they complain of and whom they ask.
+    """A person with a browser: opens pages, and stores their complaints and the hosts that they ask.
 
-    A page without options stays open for the next test, which finds it as at first: loaded anew, its storage empty.
-    Without a graphics card pictures take their time: nothing moves, and no sphere is drawn, unless a test asks for it.
+    A page without options stays open for the next test, which finds it in its first state: loaded again, with empty
+    storage. Drawing is slow without a graphics card; unless a test asks for it, nothing moves and no sphere is drawn.
     """
 
     def __init__(self, browser: Browser, program: Program | Site) -> None:
@@ -28,7 +28,7 @@ class Visitor:
         self.requests = 0
 
     def context(self, *, draws: bool = False, **options: Any) -> BrowserContext:
-        """A browser of its own: its own storage, size, and colours; `draws` the sphere."""
+        """A separate browser context, with its own storage, size and colours; with `draws` it draws the sphere."""
         options = {"viewport": DESK, "color_scheme": "dark", "reduced_motion": "reduce", **options}
         context = self.browser.new_context(accept_downloads=True, **options)
         context.set_default_timeout(UNTIL_MS)
@@ -42,7 +42,7 @@ class Visitor:
         return context
 
     def page(self, context: BrowserContext | None = None, *, draws: bool = False, **options: Any) -> Page:
-        """Open the page, or load the plain one anew, and wait until it has heard from the program."""
+        """Open the page, or load the plain page again, and wait until it has heard from the program."""
         if context or draws or options:
             page = (context or self.context(draws=draws, **options)).new_page()
         else:
@@ -58,11 +58,11 @@ class Visitor:
         return page
 
     def forgive(self, status: int) -> None:
-        """Forget refusals that a test asked for: a browser notes each, and no page can keep it from that."""
+        """Forget refusals that a test has provoked: a browser reports each, and a page cannot prevent that."""
         self.complaints = [words for words in self.complaints if f"status of {status}" not in words]
 
     def leave(self) -> None:
-        """Close all pages but the plain one; nothing may have been complained of, and nobody else asked."""
+        """Close all pages except the plain one, and assert that there were no complaints and no other hosts."""
         others = [context for context in self.contexts if self.plain is None or context != self.plain.context]
         for context in others:
             context.close()

@@ -1,4 +1,4 @@
-"""Golden tables of numbers: rows that a test makes, each in a folder of its own, compared with a reviewed JSON file."""
+"""Golden tables of numbers: a test makes each row in an empty folder, and compares it with a reviewed JSON file."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def flinders(line: str, *codes: int) -> str:
-    """Standard output of a command line that ends with one of `codes`, 0 where none is given."""
+    """Standard output of a command line that ends with one of `codes`, by default 0."""
     ended = CliRunner().invoke(main, line.split())
     assert ended.exit_code in (codes or (0,)), ended.output
     return ended.stdout
@@ -36,7 +36,7 @@ def lines(name: str) -> list[str]:
 
 
 def assert_numbers(name: str, rows: Mapping[str, Callable[[], object]], request: pytest.FixtureRequest) -> None:
-    """Each row makes what the table of that name has; ``pytest --regenerate`` writes the whole table anew."""
+    """Assert that each row makes the numbers in the table; ``pytest --regenerate`` writes the whole table again."""
     folder, table = request.getfixturevalue("tmp_path"), GOLDEN / name
     numbers = {}
     for row, make in rows.items():

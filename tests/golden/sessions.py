@@ -1,4 +1,4 @@
-"""What the golden tests share: what a terminal shows, numbers on which all machines agree, the sessions of the docs."""
+"""Shared parts of the golden tests: terminal sessions, numbers that are equal on all machines, sessions in the docs."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SHOWN: Final = re.compile(r"<!-- (tests/golden/files/cli/\S+) -->\n```console\n(
 
 
 def session(*lines: str, code: int = 0) -> str:
-    """What a terminal shows for some command lines; the last ends with `code`, those before it with 0."""
+    """Text that a terminal shows for command lines; the last one ends with `code`, those before it with 0."""
     shown = ""
     for place, line in enumerate(lines, 1):
         ended = CliRunner().invoke(main, line.split()[1:], prog_name="flinders")
@@ -32,7 +32,7 @@ def session(*lines: str, code: int = 0) -> str:
 
 
 def rounded(value: object) -> object:
-    """Round to four digits, on which all machines agree."""
+    """Numbers rounded to four digits, which are equal on all machines."""
     if isinstance(value, dict):
         return {key: rounded(member) for key, member in value.items()}
     if isinstance(value, list):
@@ -41,7 +41,7 @@ def rounded(value: object) -> object:
 
 
 def assert_sessions_are_real(page: str, request: pytest.FixtureRequest, *, least: int = 1) -> None:
-    """Each session in a page of the docs is that of its golden file; ``pytest --regenerate`` renews the page."""
+    """Assert that each session in a page of the docs is that of its golden file; ``--regenerate`` renews the page."""
     path = ROOT / "docs" / page
     text = path.read_text(encoding="utf-8")
 

@@ -25,8 +25,10 @@ from flinders.apps.vehicles.targets.ardupilot import ArduPilotParameters as Para
 from flinders.apps.vehicles.telemetry import Telemetry
 from flinders.core.samples import Samples
 from flinders.errors import OutputError, UsageError
+from flinders.links.feed_recording import RecordedFeed
 from flinders.links.feeds import CHUNK_READINGS, FeedEvent, Replay
-from flinders.links.recorder import FileSink, RecordedFeed, ResumedRecording
+from flinders.links.recording_text import ResumedRecording
+from flinders.links.sinks import FileSink
 from flinders.links.transports import Udp
 from flinders.readers import open_recording, read
 

@@ -21,7 +21,8 @@ from tests.waiting import wait_until
 import flinders
 from flinders import simulate
 from flinders.core.samples import Samples
-from flinders.links.recorder import FileSink, Recorder
+from flinders.links.recorder import Recorder
+from flinders.links.sinks import FileSink
 from flinders.links.transports import Serial
 
 if TYPE_CHECKING:

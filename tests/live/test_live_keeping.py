@@ -15,7 +15,8 @@ from tests.waiting import wait_until
 
 from flinders.errors import OutputError
 from flinders.links.feeds import FeedEvent, FeedThread
-from flinders.links.recorder import RETRY_S, FileSink, Recorder, RetryingSink
+from flinders.links.recorder import Recorder
+from flinders.links.sinks import RETRY_S, FileSink, RetryingSink
 from flinders.links.transports import Udp
 
 if TYPE_CHECKING:

@@ -47,8 +47,9 @@ from flinders.fitting import calibrate
 from flinders.fitting.fit_file import fit_from
 from flinders.likelihood.site_field import Site
 from flinders.links import motioncal
+from flinders.links.feed_recording import RecordedFeed
 from flinders.links.feeds import Replay
-from flinders.links.recorder import FileSink, RecordedFeed
+from flinders.links.sinks import FileSink
 from flinders.links.transports import ScriptedSource
 from flinders.native import build
 from flinders.targets import registry

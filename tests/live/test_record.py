@@ -23,8 +23,10 @@ from tests.waiting import PATIENCE_S, Heartbeat, wait_until
 from flinders import simulate
 from flinders.cli import main
 from flinders.errors import LinkError, OutputError, OutputExists, UnreadableInput
-from flinders.links.recorder import FileSink, Recorder
-from flinders.links.transcript import RecordingStatistics, escape_bytes, recognise_form
+from flinders.links.line_form import recognise_form
+from flinders.links.recorder import Recorder
+from flinders.links.recording_text import escape_bytes
+from flinders.links.sinks import FileSink
 from flinders.links.transports import Disconnection, ScriptedSource, Serial, Silence, Tcp, Udp
 from flinders.readers import read
 
@@ -32,6 +34,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from flinders.arrays import Floats
+    from flinders.links.recording_statistics import RecordingStatistics
 
 FIELD = np.round(simulate.tumble(seed=3).samples.field[:40], 1)
 """µT to the 0.1 µT of MotionCal's counts."""

@@ -21,7 +21,9 @@ from flinders import simulate
 from flinders.cli import main
 from flinders.errors import OutputError
 from flinders.links.feeds import FeedEvent
-from flinders.links.recorder import FileSink, Recorder, ResumedRecording
+from flinders.links.recorder import Recorder
+from flinders.links.recording_text import ResumedRecording
+from flinders.links.sinks import FileSink
 from flinders.links.transcript import MAX_LINE_BYTES, Transcript
 from flinders.links.transports import Disconnection, ScriptedSource, Silence
 from flinders.readers import read
@@ -288,7 +290,7 @@ def test_a_full_disk_leaves_no_half_line() -> None:
     code = (
         "import resource, sys; sys.dont_write_bytecode = True\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000))\n"
-        "from flinders.links.recorder import FileSink\n"
+        "from flinders.links.sinks import FileSink\n"
         "with FileSink('out.csv') as sink:\n"
         "    for n in range(1000): sink.write(f'{n},217,4,-586\\n')\n"
     )

@@ -14,7 +14,8 @@ from tests.sentences import assert_raises, assert_sentences
 
 import flinders
 from flinders.errors import InputError, NoMagnetometer
-from flinders.links.transcript import Transcript, escape_bytes
+from flinders.links.recording_text import escape_bytes
+from flinders.links.transcript import Transcript
 from flinders.readers import TextRecording
 
 if TYPE_CHECKING:

@@ -1,7 +1,7 @@
-"""A publisher of ROS 2 topics in a process of its own, as its driver would be: told what to do by lines of JSON.
+"""A publisher of ROS 2 topics in a process of its own, like a driver; lines of JSON are its commands.
 
-Each line is one thing to do: ``publish`` a topic of a type, ``send`` rows on it at a rate, ``end`` one. It prints a
-line when that is done; of ``send`` after the last row was handed to DDS.
+The commands are ``publish`` (a topic of a type), ``send`` (rows on a topic at a rate) and ``end`` (of a topic). When a
+command is done, a line is printed; for ``send`` that is when the last row was passed to DDS.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ SECOND_NS = 1_000_000_000
 
 
 class Driver:
-    """What is published by this process."""
+    """Topics that this process publishes."""
 
     def __init__(self) -> None:
         self.participant = Participant(int(sys.argv[1]))
@@ -33,7 +33,7 @@ class Driver:
     def send(
         self, topic: str, rows: list[list[float]], rate_hz: float, start_ns: int, frame: str = "mag", matched: int = 1
     ) -> None:
-        """Wait until so many subscribe, and send rows in tesla, or of an `Imu`, at the rate that their times have."""
+        """Wait until `matched` subscribers exist, and send rows, in tesla or as `Imu`, at the rate of their times."""
         writer, begun = self.writers[topic], time.monotonic()
         while writer.get_publication_matched_status().current_count < matched:
             time.sleep(0.005)

@@ -66,7 +66,7 @@ class OutputOptions(program.Group, heading=program.OUTPUT):
 
     @property
     def exports(self) -> tuple[tuple[str, str], ...]:
-        """Target and file of each export."""
+        """Target and file of each ``--export``."""
         if not self.exported:
             return ()
         from flinders.cli.export import split_exports
@@ -74,14 +74,14 @@ class OutputOptions(program.Group, heading=program.OUTPUT):
         return split_exports(self.exported)
 
     def named_files(self) -> Iterator[Output]:
-        """All output files, each with its name in messages."""
+        """Yield all output files, each with its name in messages."""
         yield from super().named_files()
         for target, path in self.exports:
             yield Output(f"the export to {target}", path, "--export TARGET:FILE")
 
     @property
     def of_readings(self) -> dict[str, object]:
-        """Output files that exist only for a single magnetometer, by their options."""
+        """Output files that only the calibration of a single magnetometer has, by their options."""
         return {"--report": self.report, "--report-text": self.report_text, "--convergence": self.convergence}
 
     def refuse_convergence(self, method: str) -> None:
@@ -136,7 +136,7 @@ class Estimation(program.Group, heading=program.METHOD):
 
     @property
     def estimator(self) -> Estimator:
-        """The method, with its options."""
+        """The estimator of the typed method, with its options."""
         from flinders.estimators import method_class
 
         method = cast("Any", method_class(self.method))
@@ -156,7 +156,7 @@ class Estimation(program.Group, heading=program.METHOD):
         return typed
 
     def _refuse_of_others(self) -> None:
-        """Refuse options of another method; all methods are imported only if such an option is given."""
+        """Refuse options of a method that was not chosen; all methods are imported only if such an option is given."""
         if self.even_if_refused:
             self._refuse_but_recipes()
         if self.robust and self.method != "auto":
@@ -184,7 +184,7 @@ class Estimation(program.Group, heading=program.METHOD):
 
 
 class Sensors(program.Group):
-    """Which of several magnetometers, and whether they are fitted jointly."""
+    """Choice of one of several magnetometers, or of a joint fit of all."""
 
     sensor: str | None = option.sensor(
         "Name or serial number to store; for a log, which magnetometer, by number or name, or all of them.", "NAME|all"
@@ -199,7 +199,7 @@ class Sensors(program.Group):
     )  # fmt: skip
 
     def calibrates_all(self, recordings: Sequence[str]) -> bool:
-        """Whether every magnetometer is calibrated, each with its own result."""
+        """Whether all magnetometers of a recording are calibrated, each with its own result."""
         is_all = self.sensor is not None and self.sensor.strip().casefold() == "all"
         if is_all and len(recordings) > 1:
             raise UsageError(
@@ -230,7 +230,7 @@ class SiteOptions(program.Group, heading=program.SITE):
     )  # fmt: skip
 
     def typed_site(self) -> Site | None:
-        """The site of ``--at``; if axes were typed, they are the vehicle's, with z down."""
+        """The site of ``--at``. Its axes are the vehicle's, with z down, if axes were typed."""
         if self.place is None or self.is_left_out:
             if self.date is not None:
                 raise UsageError("--date goes with --at: give both, or neither")
@@ -254,18 +254,18 @@ class SiteOptions(program.Group, heading=program.SITE):
         return self.place is not None and self.place.strip().casefold() == "none"
 
     def told_by(self, log: object) -> Site | None:
-        """The site stated in a log or by one of its magnetometers, with a notice; None if ``--at`` was given."""
+        """The site stated in a log or by one of its magnetometers, after a notice; None if ``--at`` was given."""
         return stated_site(log, "--at", **self._more) if self.place is None else None
 
     @property
     def _more(self) -> dict[str, Any]:
-        """Arguments of `Site` besides its field."""
+        """Arguments of `Site` other than the field."""
         gain = {} if self.gain_sigma is None else {"gain_sigma": self.gain_sigma}
         return {"z_down": program.is_typed("axes"), **gain}
 
 
 class AidingOptions(program.Group, heading=program.AIDING):
-    """Other recorded quantities: aiding sensors, and disturbances of the offset."""
+    """Further recorded quantities: aiding sensors, and disturbances that change the offset."""
 
     names: tuple[str, ...] = program.member(
         "--with", multiple=True, metavar="NAME,…", keywords=("aiding", "disturbances"),
@@ -379,12 +379,12 @@ class Calibrate(program.Group):
 
     @property
     def of_extremes(self) -> dict[str, Any]:
-        """Options of `from_extremes`."""
+        """Arguments of `from_extremes`."""
         asked = {"field_strength": self.field_strength, "sensor": self.sensors.sensor}
         return asked | self.judgement.as_dict(if_typed=["dip_deg"])
 
     def site_with(self, known: Site | None) -> Site | None:
-        """A site with the typed strength, dip and mounting."""
+        """A copy of the known site with the typed strength, dip and mounting."""
         from flinders.likelihood.site_field import Site
 
         dip_deg = self.judgement.dip_deg if program.is_typed("dip_deg") else None

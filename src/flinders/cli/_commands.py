@@ -16,7 +16,7 @@ USE, LOOK, TRY, COMMANDS = "Calibrate and use", "Look", "Try out", "Commands"
 HEADINGS: Final = (
     USE, LOOK, "Sensors on a wire", "Many units", "Vehicles, boats and surveys", "Classic recipes", TRY, COMMANDS,
 )  # fmt: skip
-"""Headings of the list of commands, in their order; a heading without commands is omitted."""
+"""Headings of the list of commands, in order; a heading without commands is omitted."""
 
 ROWS: Final = {
     "plan": (USE, "plan", "Say how to turn a sensor, how long, and what error to expect."),
@@ -48,11 +48,11 @@ REPLACEMENTS: Final = {
     "monitor": "flinders record saves the output of a board, flinders live shows it",
     "plot": "figures are in the reports of flinders report and of calibrate --report; in Python fit.plot draws them",
 }
-"""Words that people type as a command, and the replacement for each."""
+"""Names that people type for a command, and the command to use instead."""
 
 
 class Row(NamedTuple):
-    """A command whose module is not imported yet."""
+    """Entry of a command whose module is not imported yet."""
 
     heading: str
     module: str  # full dotted name
@@ -60,7 +60,7 @@ class Row(NamedTuple):
 
 
 class Commands(Mapping[str, "click.Command"]):
-    """Commands by name, each the ``command`` of its module, which is imported on first access.
+    """Commands by name; the module of a command is imported when the command is first looked up.
 
     >>> commands = Commands({"info": (LOOK, "info", "Show the contents of a recording.")}, table="NO_SUCH_TABLE")
     >>> commands["info"].name, commands.headings()
@@ -68,7 +68,7 @@ class Commands(Mapping[str, "click.Command"]):
     """
 
     def __init__(self, own: Mapping[str, tuple[str, str, str]], *, table: str) -> None:
-        """Combine `own`, the commands of modules in this package, with those that apps list in their `table`."""
+        """Combine commands of modules in this package, `own`, with those that apps list in their `table`."""
         self._own, self._table = own, table
 
     @cached_property
@@ -80,7 +80,7 @@ class Commands(Mapping[str, "click.Command"]):
         return rows
 
     def headings(self) -> list[tuple[str, list[tuple[str, str]]]]:
-        """Each heading with the names and help lines of its commands."""
+        """Headings, each with the names and help lines of its commands."""
         return [
             (heading, entries)
             for heading in HEADINGS

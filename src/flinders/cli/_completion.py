@@ -21,12 +21,12 @@ Completion: TypeAlias = list[CompletionItem]
 
 
 def complete_files(_context: click.Context | None, _option: click.Parameter | None, begun: str) -> Completion:
-    """Let the shell complete file names."""
+    """Complete a file name, which the shell does itself."""
     return [CompletionItem(begun, type="file")]
 
 
 def complete_targets(_context: click.Context | None, _option: click.Parameter | None, begun: str) -> Completion:
-    """Names of targets.
+    """Complete the name of a target.
 
     >>> [item.value for item in complete_targets(None, None, "c-")]
     ['c-q15', 'c-q31', 'c-axes']
@@ -37,14 +37,14 @@ def complete_targets(_context: click.Context | None, _option: click.Parameter | 
 
 
 def complete_methods(_context: click.Context | None, _option: click.Parameter | None, begun: str) -> Completion:
-    """Names of methods."""
+    """Complete the name of a method."""
     from flinders.estimators import METHODS
 
     return _matching(("auto", *METHODS), begun)
 
 
 def _matching(names: Iterable[str], begun: str) -> Completion:
-    """Those of the names that start with `begun`."""
+    """Names that start with the typed letters, `begun`."""
     return [CompletionItem(name) for name in names if name.startswith(begun)]
 
 

@@ -1,4 +1,4 @@
-"""``flinders import`` of a log: one calibration file per magnetometer, of the calibration in force on board."""
+"""``flinders import`` of a log: one file for each magnetometer, with the calibration that the vehicle used."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ def is_log(path: str) -> bool:
 def import_log(
     path: str, *, sensor: str | None, field_strength: float | None, output: str, force: bool, as_json: bool
 ) -> None:
-    """Write the onboard calibration of one magnetometer of a log, or of each that has one.
+    """Write the onboard calibration of one magnetometer of a log, or of each magnetometer that has one.
 
-    Raises `NoOnboardCalibration` if no magnetometer has one.
+    Raises `NoOnboardCalibration` if no magnetometer has an onboard calibration.
     """
     from flinders.core.calibration_file import dumps
     from flinders.readers import open_log
@@ -62,7 +62,7 @@ def import_log(
 
 
 def _choose_magnetometers(log: Log, sensor: str | None) -> Sequence[Instrument]:
-    """The magnetometers to import: the named one, else the only calibrated one; all calibrated ones for ``all``."""
+    """Magnetometers to import: the named one, or else the only calibrated one; all calibrated ones for ``all``."""
     if sensor is not None and sensor.strip().casefold() != "all":
         return [log.sensor(sensor)]
     known = [each for each in log.instruments if each.onboard is not None]
@@ -75,7 +75,7 @@ def _choose_magnetometers(log: Log, sensor: str | None) -> Sequence[Instrument]:
 
 
 def onboard_calibration(instrument: Instrument, field_strength: float | None) -> Calibration:
-    """The onboard calibration, with `field_strength` as the known field strength unless it is None."""
+    """The onboard calibration; `field_strength`, unless it is None, becomes its known field strength."""
     from flinders.workflows.onboard import onboard_fit
 
     calibration = onboard_fit(instrument).calibration
@@ -85,7 +85,7 @@ def onboard_calibration(instrument: Instrument, field_strength: float | None) ->
 
 
 def _provenance(instrument: Instrument) -> ProvenanceRecord:
-    """Provenance that names the compass of the vehicle; no readings of the log were used."""
+    """Provenance that names the vehicle's compass. It lists no readings, as none of the log were used."""
     from flinders.estimators.data import CountedRecording
 
     return provenance(files=[source_file(CountedRecording(instrument))])

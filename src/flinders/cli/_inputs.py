@@ -1,4 +1,4 @@
-"""Inputs of commands: recordings with counts of the skipped lines, calibration files, and the place of a recording."""
+"""Inputs of commands: recordings with counts of skipped lines, calibration files, and the place of a recording."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
 @contextlib.contextmanager
 def report_readings(parts: Sequence[CountedRecording], *, is_field: bool = True) -> Iterator[None]:
-    """Report afterwards the readings that were read; add the skipped lines to an error of too few readings.
+    """Report the number of readings when the block ends, and add skipped lines to an error of too few readings.
 
-    Without `is_field` the columns are not magnetic readings, and their unit is not printed.
+    `is_field` is False for columns that are not magnetic readings; their unit is not printed.
     """
     try:
         yield
@@ -51,7 +51,7 @@ def say_read(part: CountedRecording, *, is_field: bool = True) -> None:
 
 
 def read_and_left_out(rows: int, skipped: Iterable[Skipped]) -> str:
-    """Counts of the readings and of the skipped lines, with an example of each kind.
+    """Words for the numbers of readings and of skipped lines, with an example for each reason.
 
     >>> from flinders.core.samples import Skipped
     >>> read_and_left_out(600, [Skipped("other", 3, (1, 2, 3), "LIS3MDL found"), Skipped("not finite", 1, (9,))])
@@ -69,7 +69,7 @@ def read_and_left_out(rows: int, skipped: Iterable[Skipped]) -> str:
 
 
 def provenance(parts: Iterable[CountedRecording] = (), files: Iterable[SourceFile] = ()) -> ProvenanceRecord:
-    """Provenance of a new calibration: release, time, and source files (`files`, then those of `parts`)."""
+    """Provenance of a new calibration: release, time, and source files, which are `files` and then those of `parts`."""
     from datetime import UTC, datetime
 
     from msgspec import UNSET
@@ -109,7 +109,7 @@ def source_file(part: CountedRecording) -> SourceFile:
 
 
 def _asked_columns(recording: Recording) -> ColumnsRecord | None:
-    """The columns that were chosen by the user in a table."""
+    """The columns that the user chose in a table; None without a choice."""
     from flinders.core.calibration_file import ColumnsRecord
 
     form = getattr(getattr(recording, "columns", None), "form", None)
@@ -117,7 +117,7 @@ def _asked_columns(recording: Recording) -> ColumnsRecord | None:
 
 
 def source_file_of_content(name: str, content: bytes, rows: int = 0, **compass: Any) -> SourceFile:
-    """The record of a file whose content is in memory; `compass` names the compass of a vehicle with several."""
+    """Record of a file whose content is in memory; `compass` names the compass of a vehicle that has several."""
     import hashlib
 
     from flinders.core.calibration_file import SourceFile
@@ -127,7 +127,7 @@ def source_file_of_content(name: str, content: bytes, rows: int = 0, **compass: 
 
 
 def open_recordings(recordings: Sequence[str], sensor: str | None, **reading: Any) -> tuple[Recording, str | None]:
-    """Open recordings of one sensor, chosen by ``--sensor`` if there are several; also return the sensor's name."""
+    """Open recordings of one sensor, and return the name of that sensor; ``--sensor`` chooses among several."""
     from flinders.core.joining import single_recordings
     from flinders.readers import Choice, open_recording
 
@@ -149,13 +149,13 @@ def open_recordings(recordings: Sequence[str], sensor: str | None, **reading: An
 def load_for_recordings(command: str, path: str, recordings: Sequence[str], fixed: Iterable[str] = ()) -> Fit:
     """Load the calibration with which recordings are read.
 
-    With `fixed`, the values of ``--fix``, disturbances are held at these values and a notice states the error.
+    `fixed` are the values of ``--fix``: disturbances have these values, and a notice states the error that this causes.
     """
     return take_at_fixed(load(command, path, recordings), fixed)
 
 
 def take_at_fixed(fit: Fit, fixed: Iterable[str]) -> Fit:
-    """A fit whose disturbances are held at the values of ``--fix``."""
+    """The fit with its disturbances held at the values of ``--fix``."""
     from flinders.fitting.result import with_calibration
 
     states = {one.name: one.states for one in fit.calibration.disturbances}
@@ -163,7 +163,7 @@ def take_at_fixed(fit: Fit, fixed: Iterable[str]) -> Fit:
 
 
 def _at_fixed(calibration: Calibration, values: dict[str, float]) -> Calibration:
-    """The calibration at fixed values of disturbances; print the heading error at the far end of each range."""
+    """The calibration at fixed values of disturbances; also prints the heading error at the far end of each range."""
     for disturbance in calibration.disturbances:
         if disturbance.name in values:
             value = values[disturbance.name]
@@ -178,7 +178,9 @@ def _at_fixed(calibration: Calibration, values: dict[str, float]) -> Calibration
 
 
 def fixed_values(fixed: Iterable[str], states: Mapping[str, tuple[str, ...]] | None = None) -> dict[str, float]:
-    """Read the values of ``--fix``; `states` are the words of columns that have words instead of numbers, by name.
+    """Read the values of ``--fix``.
+
+    `states` are the words of columns that contain words instead of numbers, by column.
 
     >>> fixed_values(["current=12.5", "throttle1=0", "charger=idle"], {"charger": ("idle", "charging")})
     {'current': 12.5, 'throttle1': 0.0, 'charger': 0.0}
@@ -200,7 +202,7 @@ def fixed_values(fixed: Iterable[str], states: Mapping[str, tuple[str, ...]] | N
 
 
 def columns_in(names: Sequence[str]) -> tuple[str, ...]:
-    """The disturbances of `names` that are columns of a log."""
+    """Those disturbances of `names` that are columns of a log."""
     from flinders.core.disturbance import is_column
 
     return tuple(filter(is_column, names))
@@ -209,7 +211,7 @@ def columns_in(names: Sequence[str]) -> tuple[str, ...]:
 def open_all_with(
     path: str, fit: Fit, recordings: Sequence[str], *, sensor: str | None, **reading: Any
 ) -> list[CountedRecording]:
-    """Open recordings in the unit and axes of a calibration; print which magnetometer was chosen."""
+    """Open recordings in the unit and axes of a calibration, and print the magnetometer that was chosen."""
     from flinders.estimators.data import CountedRecording
     from flinders.workflows.recordings import open_with
 
@@ -222,7 +224,7 @@ def open_all_with(
 
 
 def load(command: str, path: str, recordings: Sequence[str] = ()) -> Fit:
-    """Load a calibration; if it is a recording, the error says so, and whether the files were swapped."""
+    """Load a calibration; for a recording, the error says that it is one, or that the files were swapped."""
     from flinders.fitting import fit_file
 
     if path == "-":
@@ -256,7 +258,7 @@ def load_for_use(command: str, path: str) -> Fit:
 
 
 def is_calibration(path: str) -> bool:
-    """Whether a path leads to a calibration file; standard input and pipes are not read."""
+    """Whether a path leads to a calibration file. Standard input and pipes count as none, as they are not read."""
     from flinders.core.calibration_file import read
 
     with contextlib.suppress(DocumentError):
@@ -265,13 +267,13 @@ def is_calibration(path: str) -> bool:
 
 
 def refuse_calibration(path: str, instead: str) -> None:
-    """Refuse a calibration given in place of another input; `instead` is the advice."""
+    """Refuse a calibration that was given in place of another input; `instead` is the advice."""
     if is_calibration(path):
         raise UsageError(f"{path} is a calibration: {instead}")
 
 
 def refuse_others(paths: Iterable[str]) -> None:
-    """Refuse files with recordings of many units, and results of fleet commands; the message says what to use."""
+    """Refuse recordings of many units, and results of fleet commands; the message names the command for them."""
     from flinders.core.plugins import other_contents
 
     for path in paths:
@@ -293,19 +295,19 @@ def is_recording(path: str) -> bool:
 
 
 def refuse_recording(path: str) -> None:
-    """Refuse a recording in the place of a calibration."""
+    """Refuse a recording that was given in place of a calibration."""
     if is_recording(path):
         raise UsageError(f"{path} is a recording, calibrate it first: flinders calibrate {path}") from None
 
 
 def refuse_calibrations(paths: Iterable[str]) -> None:
-    """Refuse a calibration in the place of a recording."""
+    """Refuse calibrations that were given in place of recordings."""
     for path in filter(is_calibration, paths):
         raise UsageError(f"{path} is a calibration too: give a recording; flinders compare compares calibrations")
 
 
 def say_sensor(path: str, calibration: Calibration, recording: Recording, asked: str | None) -> None:
-    """Print which magnetometer was chosen because the calibration in `path` is for it, or warn of a mismatch."""
+    """Print which magnetometer was chosen by the calibration in `path`, or warn that the calibration is for another."""
     name, own = getattr(recording, "name", ""), calibration.sensor
     if not name or own is None:
         return
@@ -318,7 +320,7 @@ def say_sensor(path: str, calibration: Calibration, recording: Recording, asked:
 def site_of(
     place: str, date: str | None, recording: Recording | None = None, *, model: FieldModel | None = None
 ) -> SiteField:
-    """The field at a place on a given day, or on the day of the recording's clock."""
+    """The field at a place, on a given day or on that of the recording's clock."""
     from flinders.core.geomag import decimal_year, parse_place, site_field
 
     where = parse_place(place)
@@ -326,9 +328,9 @@ def site_of(
 
 
 def stated_site(recording: object, otherwise: str, **more: Any) -> Site | None:
-    """The site stated in a log or by one of its magnetometers, with a notice; `more` are arguments of `Site`."""
+    """The site stated in a log or by one of its magnetometers, after a notice; `more` are arguments of `Site`."""
     log = getattr(recording, "recording", recording)
-    if getattr(log, "position", None) is None:  # such as a table
+    if getattr(log, "position", None) is None:  # such as in a table
         return None
     from flinders.likelihood.site_field import recorded_site
 
@@ -359,7 +361,7 @@ def _day(date: str | None, recording: Recording | None) -> str:
 
 
 def walk_in(path: str | None, fit: Fit) -> Walk | None:
-    """The drift of a unit's offset, from the history kept by `flinders watch`; None without a path.
+    """Drift of a unit's offset by the history that `flinders watch` keeps; None without a path.
 
     Raises `UsageError` for a history in another unit, or with too few estimates.
     """
@@ -382,7 +384,7 @@ def walk_in(path: str | None, fit: Fit) -> Walk | None:
 
 
 def recorded_at(recording: object) -> datetime | None:
-    """Start time of a recording, by a clock that counts from 1970 and shows a plausible year; else None."""
+    """Start time of a recording whose clock counts from 1970 and shows a plausible year; None otherwise."""
     from datetime import UTC, datetime
 
     from flinders.core.geomag import FIRST_CLOCK_YEAR, LAST_CLOCK_YEAR
@@ -393,6 +395,9 @@ def recorded_at(recording: object) -> datetime | None:
     if begun is None or not FIRST_CLOCK_YEAR <= begun.year < LAST_CLOCK_YEAR:
         return None
     return begun.replace(microsecond=0) if begun.tzinfo else begun.replace(microsecond=0, tzinfo=UTC)
+
+
+"""Time since 1970 in s at which a recording's times are zero; 0 if its clock does not count from 1970."""
 
 
 def clock_start(recording: object) -> float:

@@ -21,14 +21,14 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
 
 OTHER_NAMES: Final = {"--port": "--serial", "--device": "--serial", "--to": "--for", "--format": "--for"}
-"""Names of options in other programs, and ours."""
+"""Names of options in other programs, with our names for them."""
 
 PLAIN_WORDS: Final = {
     "is not a valid integer range": "is not a whole number",
     "is not a valid integer": "is not a whole number",
     "is not a valid float": "is not a number",
 }
-"""Phrases of click, and simpler ones."""
+"""Phrases of click, with simpler ones."""
 
 EXAMPLE: Final = re.compile(r"^ *(flinders .*\S)", re.MULTILINE)
 """Pattern of the first command line in an epilog."""
@@ -51,7 +51,7 @@ def misuse_message(error: click.ClickException) -> str:
 
 
 def unexpected_argument(words: Sequence[str], context: click.Context) -> click.UsageError:
-    """The error for surplus arguments; it names the option for the first one, if there is such an option."""
+    """Error for surplus arguments; it names the option to which the first one belongs, if any."""
     word = words[0]
     is_port = SERIAL_PORT.match(word) is not None
     takes_none = not any(isinstance(param, click.Argument) for param in context.command.params)
@@ -64,7 +64,7 @@ def unexpected_argument(words: Sequence[str], context: click.Context) -> click.U
 
 
 def _no_such_option(error: click.NoSuchOption) -> str:
-    """Message for an unknown option, with a known one of the same beginning, meaning or a similar spelling."""
+    """Message for an unknown option, with the known option that it probably means."""
     name, options = error.option_name, _options(error.ctx.command) if error.ctx else ()
     begun = [option for option in options if option.startswith(name)]
     called = [option for option in (OTHER_NAMES.get(name),) if option in options]
@@ -78,7 +78,7 @@ def _no_such_option(error: click.NoSuchOption) -> str:
 
 
 def _variable(error: click.BadParameter) -> str:
-    """The environment variable that the value is from; empty for a value from the command line."""
+    """Name of the environment variable that a value comes from; empty for a typed value."""
     if error.ctx is None or error.param is None or error.param.name is None:
         return ""
     is_of_environment = error.ctx.get_parameter_source(error.param.name) is ParameterSource.ENVIRONMENT
@@ -91,6 +91,6 @@ def _options(command: click.Command) -> Collection[str]:
 
 
 def _example(context: click.Context | None) -> str:
-    """The first example in a command's help; empty if there is none."""
+    """First example in a command's help; empty without one."""
     found = EXAMPLE.search(context.command.epilog or "") if context else None
     return found[1].partition("  #")[0] if found else ""

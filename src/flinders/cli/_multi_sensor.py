@@ -1,4 +1,4 @@
-"""``flinders calibrate --sensor all``: each magnetometer of a log or table, on its own or in one joint fit."""
+"""``flinders calibrate --sensor all``: fit each magnetometer of a log or table, separately or jointly."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SENSOR_PLACEHOLDER: Final = "{sensor}"
 """Placeholder for the number of the magnetometer in a file name."""
 
 JOINT_FIT_OPTIONS: Final = ("target_deg", "aiding", "site")
-"""Options of `flinders.fit_multi` that `flinders.fit` has too."""
+"""Options that `flinders.fit_multi` shares with `flinders.fit`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,11 +39,11 @@ class MultiSensor:
     """Calibrate several magnetometers of one log or table, separately or jointly."""
 
     path: str
-    output: str | None  # may contain {sensor}, for the number of the magnetometer
+    output: str | None  # may contain {sensor}, which the number of the magnetometer replaces
     force: bool
     as_json: bool
     is_joint: bool  # all are fitted jointly
-    reference: str | None  # magnetometer into whose axes the others are rotated after a joint fit
+    reference: str | None  # magnetometer whose axes the others are rotated into after a joint fit
     by: Filter | None
     told_by: Callable[[Log], Site | None]  # returns the site stated in the log
     site_with: Callable[[Site], Site | None]  # returns a site with the typed numbers in it
@@ -83,7 +83,7 @@ class MultiSensor:
         return max(_exit_code(outcome) for _, outcome in outcomes)
 
     def _refuse(self, options: Mapping[str, Any]) -> None:
-        """Refuse options for a single magnetometer."""
+        """Refuse options that make sense only for a single magnetometer."""
         if self.output == "-":
             raise UsageError(
                 "several calibrations cannot go to standard output: name files, such as -o compass-{sensor}.json"
@@ -126,7 +126,7 @@ class MultiSensor:
     def _save_each(
         self, outcomes: Iterator[tuple[str, Outcome]], parts: Iterable[CountedRecording], paths: Sequence[str | None]
     ) -> Iterator[tuple[str, Outcome]]:
-        """Write the accepted calibrations, each when it is made, and pass all outcomes on."""
+        """Write each accepted calibration as soon as it is made, and yield all outcomes."""
         for (name, outcome), part, path in zip(outcomes, parts, paths, strict=True):
             if path and not _is_error(outcome):
                 cast("Fit", outcome).save(path, force=self.force, provenance=provenance([part]))
@@ -138,7 +138,7 @@ def _is_error(outcome: Outcome) -> bool:
 
 
 def _judge_onboard(outcomes: Sequence[tuple[str, Outcome]], parts: Mapping[str, Recording]) -> dict[str, OnboardCheck]:
-    """Check of the onboard calibration of each fitted magnetometer, by name, if the log contains one."""
+    """Checks of the onboard calibrations that the log contains, by the name of the fitted magnetometer."""
     from flinders.workflows.onboard import judge_onboard
 
     found = {}
@@ -149,7 +149,7 @@ def _judge_onboard(outcomes: Sequence[tuple[str, Outcome]], parts: Mapping[str, 
 
 
 def _refuse_chosen(log: Log, reading: dict[str, Any]) -> None:
-    """Refuse options that choose a magnetometer, and a file with a single one."""
+    """Refuse options that choose a magnetometer, and files that contain only one."""
     if reading["columns"] is not None:
         raise UsageError("--sensor all takes each magnetometer, --columns chooses one: leave one of them out")
     if reading["topic"] is not None and not log.is_table:
@@ -181,7 +181,7 @@ def _as_dict(
     multi: MultiFit | None,
     onboard: Mapping[str, OnboardCheck],
 ) -> dict[str, Any]:
-    """JSON-ready: a list of fits, each with the check of its onboard calibration, and the results of a joint fit."""
+    """JSON-ready: a list of fits with the checks of their onboard calibrations, and the results of a joint fit."""
     rows = [_row(*outcome, path) for outcome, path in zip(outcomes, paths, strict=True)]
     for row in rows:
         if judged := onboard.get(row["sensor"]):
@@ -193,7 +193,7 @@ def _as_dict(
 
 
 def _row(name: str, outcome: Outcome, path: str | None) -> dict[str, Any]:
-    """JSON-ready: name of the magnetometer, file, and the fields of ``calibrate --json``."""
+    """JSON-ready: name of the magnetometer, its file, and the fields of ``calibrate --json``."""
     from flinders.fitting.fit_json import json_of
 
     if not isinstance(outcome, FlindersError):
@@ -204,7 +204,7 @@ def _row(name: str, outcome: Outcome, path: str | None) -> dict[str, Any]:
 
 
 def path_for_sensor(output: str | None, number: int) -> str | None:
-    """The file of one magnetometer: its number replaces ``{sensor}``, or stands before the suffix.
+    """File for one magnetometer: its number replaces ``{sensor}``, or else precedes the suffix.
 
     >>> path_for_sensor("compass-{sensor}.json", 2), path_for_sensor("out/calibration.json", 2)
     ('compass-2.json', 'out/calibration-2.json')

@@ -1,4 +1,4 @@
-"""Options shared by several commands: fields for the options of a command, and groups of such fields."""
+"""Options that several commands share, as fields of a command's options and as groups of fields."""
 
 from __future__ import annotations
 
@@ -201,12 +201,12 @@ class ColumnsOptions(Group, heading=RECORDING):
 
 
 class LinesOptions(ColumnsOptions):
-    """Options for reading lines, of commands that read other sources too."""
+    """Options for reading lines, in commands that also read other sources."""
 
     def refuse_with(self, sources: Collection[str]) -> None:
-        """Raise `UsageError` if these options are given with a source of `sources` that sends no lines.
+        """Raise `UsageError` if these options are given with one of `sources` that sends no lines.
 
-        ``--unit`` is allowed for a ROS 2 topic, whose values may be in another unit than its type states.
+        ``--unit`` is allowed for a ROS 2 topic: its values may be in another unit than its message type states.
         """
         source = next((name for name in sources if name in ("--mavlink", "--ros2", "--simulate")), None)
         typed = [name for name in self.typed_options() if name.removeprefix("--") not in taken_options()]

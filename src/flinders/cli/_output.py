@@ -1,4 +1,4 @@
-"""Output of the program: results on stdout, messages on stderr, and files by `Outputs`.
+"""Output of the program: results on stdout, messages on stderr, and output files.
 
 Colours and progress bars are used on terminals only; NO_COLOR turns colours off.
 """
@@ -39,10 +39,9 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 MIN_BYTES_FOR_BAR: Final = 4_000_000
-"""Size of an input in bytes from which a progress bar is shown."""
+"""Size of an input, in bytes, from which a progress bar is shown."""
 WIDTH, MIN_WIDTH, MAX_WIDTH = 80, 60, 100
-"""Columns per line: of a file, and the limits for a terminal; numbers are not broken, and long lines are hard to
-read."""
+"""Line width in characters: of a file, and the limits for a terminal. Narrower lines would break numbers."""
 
 
 def say(message: str) -> None:
@@ -52,7 +51,7 @@ def say(message: str) -> None:
 
 
 def error_words(error: FlindersError, commands: Sequence[click.Command] | None = None) -> str:
-    """An error in one line, with the options that remove it; `commands` as in `in_options`."""
+    """Write an error in one line, with the options that avoid it; `commands` are those of `in_options`."""
     return " ".join(append_hint(error.message, in_options(error.hint, commands)).splitlines())
 
 
@@ -66,7 +65,7 @@ def print_json(fields: dict[str, Any]) -> None:
 def print_result(
     fields: Callable[[], dict[str, Any]], page: Callable[[], RenderableType], *, as_json: bool, err: bool = False
 ) -> None:
-    """Print a result as JSON or else as a page, which goes to stderr if `err`."""
+    """Print a result as JSON or as a page; with `err` the page goes to stderr."""
     if as_json:
         print_json(fields())
     else:
@@ -81,9 +80,9 @@ def print_fit(
     is_verbose: bool = False,
     onboard: OnboardCheck | None = None,
 ) -> None:
-    """Print the page of a fit, and the effect of each aiding sensor; on stderr if `err`.
+    """Print the page of a fit and the effect of each aiding sensor; with `err` on stderr.
 
-    The check of the `onboard` calibration is printed below.
+    `onboard` is the check of the onboard calibration, which is printed below the page.
     """
     from flinders.report.fit_pages import page_of_fit
 
@@ -93,7 +92,7 @@ def print_fit(
 
 
 def show(content: RenderableType, *, err: bool = False) -> None:
-    """Print a page; on stderr if `err`."""
+    """Print a page; with `err` on stderr."""
     text = draw_page(content, sys.stderr if err else sys.stdout)
     if err:
         say(text)
@@ -102,7 +101,7 @@ def show(content: RenderableType, *, err: bool = False) -> None:
 
 
 def draw_page(content: RenderableType, stream: IO[str]) -> str:
-    """Render a page for a stream: in the width of its terminal and in colour, or plain for a file."""
+    """Render a page for a stream: for a terminal in its width and colours, for a file as plain text."""
     from rich.console import Console
 
     terminal = stream.isatty()
@@ -121,7 +120,7 @@ def _columns() -> int:
 
 
 def json_value(value: object) -> object:
-    """Convert a result to values of JSON: lists for tuples and arrays, null for numbers that are not finite.
+    """Convert a result to JSON values: tuples and arrays to lists, numbers that are not finite to null.
 
     >>> json_value({"axes": ("x",), "worst": float("inf")})
     {'axes': ['x'], 'worst': None}
@@ -141,7 +140,7 @@ def json_value(value: object) -> object:
 def progress(title: str) -> Iterator[Callable[[int, int | None], None] | None]:
     """Show a progress bar on a terminal while a long file is read.
 
-    Yields a function of the bytes read and the total bytes, or None if stderr is not a terminal.
+    Yields a function that takes the bytes read and the total bytes; None if stderr is not a terminal.
     """
     if not sys.stderr.isatty():
         yield None
@@ -161,7 +160,7 @@ def progress(title: str) -> Iterator[Callable[[int, int | None], None] | None]:
 
 @contextlib.contextmanager
 def _bar(title: str) -> Iterator[Callable[[int, int], None]]:
-    """A bar on stderr that disappears at the end."""
+    """Show a progress bar on stderr, which disappears at the end."""
     from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TimeRemainingColumn())
@@ -172,7 +171,7 @@ def _bar(title: str) -> Iterator[Callable[[int, int], None]]:
 
 @contextlib.contextmanager
 def working() -> Iterator[Callable[[str], None] | None]:
-    """Show the current step on a terminal; yields a function of the step's name, or None without a terminal."""
+    """Show the current step on a terminal. Yields a function that takes the step's name; None without a terminal."""
     if not sys.stderr.isatty():
         yield None
         return
@@ -188,12 +187,12 @@ def console() -> Console:
 
 
 def _has_colours() -> bool:
-    """Whether the terminal has colours, and NO_COLOR is not set."""
+    """Whether the terminal has colours and NO_COLOR is not set."""
     return not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
 
 
 class Output(NamedTuple):
-    """An output file: its content in words, its path (``-``: standard output), and the option that names it."""
+    """An output file: its content in words, its path (``-`` is standard output), and the option that names it."""
 
     what: str
     path: str | None
@@ -204,13 +203,13 @@ class Output(NamedTuple):
 class Outputs:
     """The output files of a command."""
 
-    files: tuple[Output, ...]  # without a path: not written
+    files: tuple[Output, ...]  # a file without a path is not written
     force: bool = False  # overwrite existing files
     as_json: bool = False  # print the result as JSON on standard output
 
     @classmethod
     def of(cls, *files: tuple[str, str | None], force: bool = False, as_json: bool = False) -> Outputs:
-        """Make it from pairs of content in words and path."""
+        """Make the outputs from pairs of content in words and path."""
         return cls(tuple(Output(*each) for each in files), force, as_json)
 
     @property
@@ -240,7 +239,7 @@ class Outputs:
             named[Path(path).resolve()] = what
 
     def write(self, content: str | bytes, path: str | None) -> None:
-        """Write text or bytes to one of the files, completely or not at all; bytes are never written to a terminal."""
+        """Write text or bytes to one of the files, completely or not at all. Bytes are never written to a terminal."""
         from flinders.core.files import write_bytes, write_text
 
         if path == "-" and isinstance(content, bytes) and sys.stdout.isatty():
@@ -253,15 +252,15 @@ class Outputs:
             write_text(str(content), path, force=self.force)
 
     def print(self, fields: Callable[[], dict[str, Any]], page: Callable[[], RenderableType]) -> None:
-        """Print a result as `print_result` does; the page goes to stderr if a file goes to standard output."""
+        """Print a result by `print_result`; its page goes to stderr if a file goes to standard output."""
         print_result(fields, page, as_json=self.as_json, err=self.is_printed)
 
     def show(self, content: RenderableType) -> None:
-        """Print a page; on stderr if a file goes to standard output."""
+        """Print a page; it goes to stderr if a file goes to standard output."""
         show(content, err=self.is_printed)
 
     def say_written(self, nothing: str = "") -> None:
-        """Print the names of the written files; `nothing` is printed instead if the first file has no path."""
+        """Print the names of the written files; print `nothing` instead if the first file has no path."""
         for place, file in enumerate(self.files):
             if file.path and file.path != "-":
                 say(phrase("next.written", "written to {file}", file=file.path))
@@ -270,7 +269,7 @@ class Outputs:
 
 
 def refuse_to_overwrite(output: str, inputs: Iterable[str]) -> None:
-    """Refuse an output that is also an input, even with ``--force`` and through ``>``."""
+    """Refuse an output file that is also an input, even with ``--force`` or by redirection with ``>``."""
     target = _identity(sys.stdout if output == "-" else output)
     for path in inputs:
         if path != "-" and target is not None and target == _identity(path):
@@ -278,7 +277,7 @@ def refuse_to_overwrite(output: str, inputs: Iterable[str]) -> None:
 
 
 def refuse_twice(paths: Iterable[str]) -> None:
-    """Refuse a recording given twice, as double counting would understate the error."""
+    """Refuse a recording that is given twice: readings counted twice would understate the error."""
     seen = set()
     for path in paths:
         file = path if path == "-" else _identity(path)
@@ -288,7 +287,7 @@ def refuse_twice(paths: Iterable[str]) -> None:
 
 
 def _identity(file: str | IO[str]) -> tuple[int, int] | None:
-    """Device and inode of the regular file at a path or behind a stream; None if there is no regular file."""
+    """Device and inode of the regular file at a path or behind a stream; None for anything else."""
     try:
         status = Path(file).stat() if isinstance(file, str) else os.fstat(file.fileno())
     except (OSError, ValueError):
@@ -298,7 +297,11 @@ def _identity(file: str | IO[str]) -> tuple[int, int] | None:
 
 @contextlib.contextmanager
 def open_output(path: str, *, force: bool, live: bool, encoding: str = "utf-8") -> Iterator[IO[str]]:
-    """Open an output: a file that appears when it is complete, or standard output, flushed per line if `live`."""
+    """Open an output: a file that appears when it is complete, or standard output.
+
+    Standard output is flushed after each line if `live`.
+
+    """
     from flinders.core.files import open_atomically
 
     if path != "-":
@@ -312,7 +315,7 @@ def open_output(path: str, *, force: bool, live: bool, encoding: str = "utf-8") 
 
 
 def refuse_report(path: str | None, option: str) -> None:
-    """Refuse a report file that would not be HTML."""
+    """Refuse a report file whose suffix is not that of HTML."""
     if path == "-":
         raise UsageError(f"{option} -: a report is a megabyte of HTML, name a file such as report.html")
     if path is not None and Path(path).suffix.lower() == ".pdf":
@@ -322,7 +325,7 @@ def refuse_report(path: str | None, option: str) -> None:
 
 
 def aiding_lines(aiding: Aiding | None, findings: Iterable[Finding]) -> list[str]:
-    r"""A line on the effect of each aiding sensor; empty without any.
+    r"""Lines about the effects of the aiding sensors, one for each; empty without aiding sensors.
 
     >>> from flinders.fitting.aiding import Aiding, AidingSensor
     >>> rate = AidingSensor("rate", True, 0.4, 2.0, 0.5)
@@ -352,7 +355,7 @@ def aiding_lines(aiding: Aiding | None, findings: Iterable[Finding]) -> list[str
 
 
 def bias_words(bias: Iterable[float]) -> str:
-    """The bias of an accelerometer, in words.
+    """Words for the bias of an accelerometer.
 
     >>> bias_words([0.1784, -0.3, 0.0])
     'the accelerometer reads 0.178, −0.300 and 0.000 m/s² too much along x, y and z'
@@ -362,7 +365,7 @@ def bias_words(bias: Iterable[float]) -> str:
 
 
 def plot_fit(fit: Fit, recording: Recording, *, err: bool = False) -> None:
-    """Draw a fit in a few lines of characters, if the output is a terminal that can show them."""
+    """Draw a fit with characters in a few lines, if the output is a terminal that can show them."""
     stream = sys.stderr if err else sys.stdout
     if not stream.isatty() or os.environ.get("TERM") == "dumb":
         return
@@ -377,7 +380,7 @@ def plot_fit(fit: Fit, recording: Recording, *, err: bool = False) -> None:
 
 
 def can_show(encoding: str, text: str) -> bool:
-    """Whether an encoding has these characters.
+    """Whether an encoding contains all characters of a text.
 
     >>> can_show("utf-8", "⣿█"), can_show("latin-1", "⣿█"), can_show("no such", "a")
     (True, False, False)
@@ -390,19 +393,19 @@ def can_show(encoding: str, text: str) -> bool:
 
 
 def strength_words(calibration: Calibration, what: str = "a nominal value") -> str:
-    """Notice that the field strength of an imported calibration is unknown, and the option to set it."""
+    """Notice that an imported calibration states no field strength, with the option to set it."""
     strength = f"{figures(calibration.field_strength, 4)} {unit_label(calibration.unit)}"
     return f"! field strength {strength} is {what}: give --field-strength if vector lengths matter"
 
 
 def cost_words(calibration: Calibration, disturbance: Disturbance) -> str:
-    """Heading error due to a disturbance at the far end of its range, at a dip of 60°."""
+    """Words for the heading error, at a dip of 60°, if a disturbance at the far end of its range is ignored."""
     cost = figures(min(calibration.disturbance_deg(disturbance), 180.0))
     return f"up to {cost}° of heading at {disturbance.text_of(disturbance.extreme_value)}"
 
 
 def say_references(fit: Fit) -> None:
-    """Print the disturbances of a calibration and their fixed values, for a command that ignores disturbances."""
+    """Print the fixed values of a calibration's disturbances, for a command that ignores disturbances."""
     for disturbance in fit.calibration.disturbances:
         say(
             f"{fit.provenance.name} corrects for {disturbance.name}: it is used at "
@@ -412,7 +415,7 @@ def say_references(fit: Fit) -> None:
 
 
 def say_difference(a: Fit, b: Fit) -> None:
-    """Print the disturbances of two calibrations that are compared, and the difference of their effects."""
+    """Print the disturbances of two compared calibrations, and the difference of their effects."""
     for fit in (a, b):
         say_references(fit)
     theirs = {disturbance.name: disturbance for disturbance in b.calibration.disturbances}
@@ -423,7 +426,7 @@ def say_difference(a: Fit, b: Fit) -> None:
 
 
 def say_preparation(preparation: Preparation) -> None:
-    """Print the effect of a filter, and warnings of readings outside the calibrated range of a disturbance."""
+    """Print the effect of a filter, and warn of disturbances outside their calibrated range."""
     if preparation.smoother is not None:
         say(str(preparation.smoother))
     for finding in preparation.findings():
@@ -431,12 +434,12 @@ def say_preparation(preparation: Preparation) -> None:
 
 
 def is_asked() -> bool:
-    """Whether stdin and stderr are a terminal, so that the user can be asked."""
+    """Whether stdin and stderr are a terminal, on which the user can be asked."""
     return sys.stdin.isatty() and sys.stderr.isatty()
 
 
 def lossy_if_agreed(attempt: Callable[[bool], T], *, lossy: bool) -> T:
-    """Try without loss; if that is refused for its loss, ask on a terminal whether to do it with the loss."""
+    """Run an export without loss; if it is refused because of a loss, ask on a terminal whether to accept the loss."""
     try:
         return attempt(lossy)
     except NotExportable as refused:

@@ -1,4 +1,4 @@
-"""The process of the program: garbage collection, and stdout and stderr that may be closed."""
+"""Settings of the program's process: garbage collection, and standard streams that may be closed."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ import sys
 
 
 def spare_imports_from_gc() -> None:
-    """Keep the garbage collector from scanning imported modules, which took a sixth of the time of a short command."""
+    """Keep the garbage collector from scanning imported modules, which took a sixth of a short command's time."""
     gc.set_threshold(50_000)
     atexit.register(gc.freeze)
 
 
 def prepare_streams() -> None:
-    """Print unencodable characters, such as σ, as "?", and ignore a closed stderr.
+    """Print "?" for characters that cannot be encoded, such as σ, and ignore a closed stderr.
 
-    A closed stdout is replaced by a descriptor open for reading only, so that writing a result fails.
+    A closed stdout is replaced by a read-only descriptor, so that writing a result fails.
     """
     sys.stdout = sys.stdout or os.fdopen(os.open(os.devnull, os.O_RDONLY), "w")
     sys.stderr = sys.stderr or io.TextIOWrapper(io.BytesIO())

@@ -1,7 +1,7 @@
 """The program: commands made from dataclasses of options, one table of exit codes, no traceback for bad input.
 
-A command is a module that is imported when it is called. It has a dataclass whose fields are arguments, options and
-groups of options.
+The module of a command is imported when the command is called. It has a dataclass whose fields are the arguments,
+options and groups of options of the command.
 
 >>> class Show(Group):
 ...     path: str = argument("PATH")
@@ -64,17 +64,17 @@ EXITS: Final[dict[Verdict, int]] = {verdict: meaning.exit_code for verdict, mean
 """Exit code for each verdict of a fit."""
 
 ANSWER_EXITS: Final[dict[Answer, int]] = {"holds": GOOD, "cannot-tell": LIMITED, "fails": REFUSED}
-"""Exit code for each answer to the question whether a calibration still holds."""
+"""Exit code for each answer to the question whether an earlier calibration still holds."""
 
 ERROR_PREFIXES: Final = {REFUSED: "refused", LIMITED: "cannot tell"}
-"""First words of an error line, by exit code; for other codes the word is error."""
+"""First words of an error line by exit code; for other codes the first word is "error"."""
 
 FIT_KEYS: Final = ("verdict", "method", "calibration", "heading_error_deg", "noise", "coverage", "findings")
 """Keys of every result of ``calibrate --json``."""
 
 
 def show_versions(context: click.Context, _option: click.Parameter, is_asked: bool) -> None:
-    """Print the versions and end the program."""
+    """Print the versions of the software, and end the program."""
     if is_asked and not context.resilient_parsing:
         from flinders.cli._version import versions
 
@@ -83,12 +83,12 @@ def show_versions(context: click.Context, _option: click.Parameter, is_asked: bo
 
 
 def use_language(_context: click.Context, _option: click.Parameter, code: str | None) -> None:
-    """Put pages for the terminal into a language."""
+    """Set the language of pages on the terminal."""
     TERMINAL_LANGUAGE.set(language_of(code or ENGLISH_CODE))
 
 
 class Commanded(click.Group):
-    """A group of `Commands`, whose help imports none of them."""
+    """A group of `Commands` whose help is written without importing them."""
 
     def format_commands(self, _context: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands under their headings."""
@@ -99,7 +99,7 @@ class Commanded(click.Group):
 
 
 class Program(Commanded):
-    """The group of all commands, which always ends with a code of `EXIT_CODES`."""
+    """The group of all commands; it always ends with an exit code of `EXIT_CODES`."""
 
     def main(  # type: ignore[override]  # click's overloads only tell what `standalone_mode` does
         self,
@@ -109,7 +109,7 @@ class Program(Commanded):
         standalone_mode: bool = True,
         **extra: object,
     ) -> int:
-        """Run a command line and exit; without `standalone_mode`, return the code."""
+        """Run a command line and exit with its code; without `standalone_mode`, return the code instead."""
         words = list(sys.argv[1:] if args is None else args)
         as_json = "--json" in words[: words.index("--") if "--" in words else None]
         try:
@@ -134,13 +134,13 @@ class Program(Commanded):
         except Exception as error:  # noqa: BLE001 - the one place that turns a fault of ours into a report
             code = _report_fault(error)
         code = code if isinstance(code, int) else GOOD
-        TERMINAL_LANGUAGE.set(ENGLISH)  # for whoever runs a command line in a process of their own
+        TERMINAL_LANGUAGE.set(ENGLISH)  # for callers that run several command lines in one process
         return sys.exit(code) if standalone_mode else code
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Look up a command, also one of two words; for an unknown name, name the replacement or a similar command."""
+        """Look up a command of one or two words; for an unknown name, suggest the replacement or a similar command."""
         if (name := " ".join(args[:2])) in self.commands:
             args = [name, *args[2:]]
         if args[0] in REPLACEMENTS and args[0] not in self.commands and not ctx.resilient_parsing:
@@ -151,7 +151,7 @@ class Program(Commanded):
         return super().resolve_command(ctx, args)
 
     def _called_command(self, words: Sequence[str]) -> click.Command:
-        """The command that is called by a command line."""
+        """The command that a command line calls."""
         command: click.Command = self.commands.get(" ".join(words[:2]), self)
         for word in words if command is self else ():
             if isinstance(command, click.Group):
@@ -169,8 +169,8 @@ def print_error(
 ) -> int:
     """Print an error in one line, or a refused fit as a page; with `as_json`, also print either in full as JSON.
 
-    `more`: further fields of the JSON. `commands`: commands whose options may remove the error, as in `in_options`.
-    `exit_code`: exit code, if it is not that of the error. Returns the exit code.
+    `more` are further fields of the JSON. `commands` are those whose options may avoid the error, as in `in_options`.
+    `exit_code` replaces that of the error. Returns the exit code.
     """
     exit_code = error.exit_code if exit_code is None else exit_code
     words = error_words(error, commands)
@@ -200,7 +200,7 @@ def _spoken(error: FlindersError, exit_code: int, words: str) -> str:
 
 
 def _as_dict(error: FlindersError, words: str, exit_code: int) -> dict[str, Any]:
-    """The error as a result: a refusal has all keys of a fit, with null for missing values."""
+    """JSON-ready error; a refused fit has all keys of a fit, with null for missing values."""
     about: dict[str, Any] = {
         "code": error.code,  # stable name, see the table of errors
         "message": words,  # what was found, what is needed, what to do
@@ -217,7 +217,7 @@ def _as_dict(error: FlindersError, words: str, exit_code: int) -> dict[str, Any]
 
 
 def _report_misuse(error: click.ClickException, *, as_json: bool) -> int:
-    """Print click's error with a hint at the help; or print the help if no command was typed."""
+    """Print click's error and where help is; print the help itself if no command was typed."""
     message = error.format_message()
     if message.startswith("Usage:"):
         say(message)
@@ -226,7 +226,7 @@ def _report_misuse(error: click.ClickException, *, as_json: bool) -> int:
 
 
 def _report_fault(error: Exception) -> int:
-    """Print that Flinders has a fault, write the details to a file, and ask for a report."""
+    """Print that Flinders has a fault, write the details to a file, and ask the user for a report."""
     import platform
     import tempfile
     import traceback
@@ -251,19 +251,19 @@ def _report_fault(error: Exception) -> int:
 
 Options = TypeVar("Options", bound="Group")
 Field: TypeAlias = Any
-"""A field of a group: the declaration of an option, or the option's value for a type checker."""
+"""A field of a group: at runtime the declaration of an option, for a type checker the option's value."""
 
 RECORDING, SITE, AIDING, METHOD, OUTPUT = HEADINGS = (
     "Recording", "Site", "Aiding sensors and disturbances", "Method", "Output",
 )  # fmt: skip
-"""Headings of a command's help, in their order, below the most used options."""
+"""Headings in the help of a command, in order; they follow the most used options."""
 
 MAX_PLAIN_OPTIONS: Final = 8
-"""Number of options up to which a command's help has no headings."""
+"""Largest number of options for which a command's help has no headings."""
 
 
 class Option(click.Option):
-    """An option with its heading in the help, and the `keywords` of the Python interface that it corresponds to."""
+    """An option with its heading in the help, and with the `keywords` of Python to which it corresponds."""
 
     def __init__(self, *args: Any, heading: str = "", keywords: Sequence[str] = (), **attributes: Any) -> None:
         super().__init__(*args, **attributes)
@@ -273,7 +273,7 @@ class Option(click.Option):
 class Command(click.Command):
     """A command whose help lists its most used options, `common`, before the others, which have headings.
 
-    `headings` maps headings of this command alone to names of parameters; other options have their own heading.
+    `headings` maps headings that only this command has to names of parameters; other options state their own heading.
     """
 
     def __init__(
@@ -296,7 +296,7 @@ class Command(click.Command):
         return rest
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the options under their headings."""
+        """Write the options into the help, under their headings."""
         options = [param for param in self.get_params(ctx) if isinstance(param, click.Option)]
         sections: dict[str, list[tuple[str, str]]] = {heading: [] for heading in ("", *self.headings, *HEADINGS)}
         for each in sorted(options, key=self._place):
@@ -323,7 +323,7 @@ class Command(click.Command):
 class Group:
     """A dataclass of options that belong together; each field is made by `member` and is one option.
 
-    `heading`: their heading in the help, for members without one of their own.
+    `heading` is their heading in the help; a member can have another one.
     """
 
     def __init_subclass__(cls, heading: str = "") -> None:
@@ -334,7 +334,7 @@ class Group:
 
     @classmethod
     def parameters(cls) -> Iterator[click.Parameter]:
-        """The parameters for click."""
+        """Yield the parameters for click."""
         for each in fields(cls):  # type: ignore[arg-type]
             if "group" in each.metadata:
                 yield from each.metadata["group"].parameters()
@@ -343,7 +343,7 @@ class Group:
 
     @classmethod
     def from_values(cls, values: dict[str, Any]) -> Self:
-        """Take the values of this group from the values of a command."""
+        """Take this group's values from all values of a command."""
         return cls(
             **{
                 each.name: kind.from_values(values) if (kind := each.metadata.get("group")) else values[each.name]
@@ -352,7 +352,7 @@ class Group:
         )
 
     def members(self) -> Iterator[tuple[Mapping[str, Any], Any]]:
-        """The declaration and the value of each option and argument, including those of nested groups."""
+        """Yield declaration and value of each option and argument, including those of nested groups."""
         for each in fields(self):  # type: ignore[arg-type]
             value = getattr(self, each.name)
             yield from value.members() if "group" in each.metadata else [(each.metadata, value)]
@@ -363,7 +363,7 @@ class Group:
         return Outputs(tuple(self.named_files()), getattr(self, "force", False), getattr(self, "as_json", False))
 
     def checked_outputs(self, *inputs: str | None) -> Outputs:
-        """The output files, after a check that they can be written and are none of the arguments or of `inputs`."""
+        """The output files, after a check that they can be written and are neither arguments nor `inputs`."""
         read = list(filter(None, inputs))
         for declared, value in self.members():
             if declared["kind"] is click.Argument:
@@ -373,18 +373,18 @@ class Group:
         return outputs
 
     def named_files(self) -> Iterator[Output]:
-        """The output files named by options, each with its content in words."""
+        """Yield the output files that options name, each with its content in words."""
         for declared, value in self.members():
             if what := declared.get("what"):
                 yield Output(what, value, declared["names"][0])
 
     def as_dict(self, *, if_typed: Sequence[str] = ()) -> dict[str, Any]:
-        """Each option by its name; an option of `if_typed` only if it was given on the command line."""
+        """Value of each option by its name; options of `if_typed` are included only if they were typed."""
         names = [each.name for each in fields(self)]  # type: ignore[arg-type]
         return {name: getattr(self, name) for name in names if name not in if_typed or is_typed(name)}
 
     def typed_options(self) -> dict[str, Any]:
-        """The options that differ from their defaults, by their names on the command line, without those of outputs.
+        """Options that differ from their defaults, by their command-line names; options of outputs are not included.
 
         >>> from flinders.cli._options import ReadingOptions
         >>> ReadingOptions(None, None, "mG", None, "x,y,z", None, 5.0, None, False).typed_options()
@@ -398,7 +398,7 @@ class Group:
         return typed
 
     def typed_words(self) -> dict[str, str]:
-        """The options that differ from their defaults, with their values in words, for a report.
+        """Options that differ from their defaults, with their values in words, for a report.
 
         >>> from flinders.cli._options import ReadingOptions
         >>> ReadingOptions(None, None, "mG", None, "x,y,z", None, 5.0, None, True).typed_words()
@@ -411,9 +411,9 @@ class Group:
 
 
 def member(*names: str, what: str = "", **attributes: Any) -> Field:
-    """A field that is an option, declared as with `click.option`; its parameter has the name of the field.
+    """A field for an option that is declared as with `click.option`; the parameter has the field's name.
 
-    `what`: content in words of the file that the option names; only for an output.
+    `what` is given for an output only: the content, in words, of the file that the option names.
     """
     if completion := BY_METAVAR.get(attributes.get("metavar", "")):
         attributes["shell_complete"] = completion
@@ -421,23 +421,23 @@ def member(*names: str, what: str = "", **attributes: Any) -> Field:
 
 
 def flag(name: str, words: str, **attributes: Any) -> Field:
-    """A field that is an option without a value."""
+    """A field for an option without a value."""
     return member(name, is_flag=True, help=words, **attributes)
 
 
 def argument(metavar: str, *, required: bool = True, nargs: int = 1) -> Field:
-    """A field that is an argument: a file name, shown as `metavar`."""
+    """A field for an argument: a file name, shown as `metavar`."""
     attributes = {"metavar": metavar, "required": required, "nargs": nargs, "shell_complete": complete_files}
     return field(metadata={"kind": click.Argument, "names": (), "attributes": attributes})
 
 
 def group(kind: type[Group]) -> Field:
-    """A field that is a group of options."""
+    """A field for a group of options."""
     return field(metadata={"group": kind})
 
 
 def same_as(kind: type[Group], name: str) -> Field:
-    """A field that copies one option of another group."""
+    """A field with a copy of one option of another group."""
     return field(metadata=kind.__dataclass_fields__[name].metadata)  # type: ignore[attr-defined]
 
 
@@ -449,7 +449,7 @@ def command_of(
     cls: type[Command] = Command,
     **attributes: Any,
 ) -> Callable[[Callable[[Options], int | None]], click.Command]:
-    """Make a command of `parent`, or of the program, from a function whose only argument is an object of `kind`."""
+    """Make a command from a function that takes an object of `kind`, as a command of `parent` or of the program."""
 
     def decorate(function: Callable[[Options], int | None]) -> click.Command:
         @wraps(function)
@@ -470,14 +470,14 @@ def is_typed(name: str) -> bool:
 
 
 def single_value(_context: click.Context, _option: click.Parameter, values: tuple[Any, ...]) -> Any:  # noqa: ANN401
-    """Take the value of an option that may be given only once, or None; for `callback`, with ``multiple=True``."""
+    """Callback for an option with ``multiple=True`` that may be given only once: its value, or None."""
     if len(values) > 1:
         raise click.BadParameter(f"{values[0]}, and {values[1]}: give one")
     return values[0] if values else None
 
 
 def number_within(low: float, high: float, what: str, *, zero: bool = False) -> Callable[[object], float]:
-    """Make the type of an option: a finite number from `low` to `high`; a `low` of 0 is refused without `zero`.
+    """Make the type of an option: a finite number from `low` to `high`. A `low` of 0 is excluded unless `zero`.
 
     >>> number_within(0, 180, "an angle")("7.5"), number_within(0, 1, "a share", zero=True)("0")
     (7.5, 0.0)

@@ -1,4 +1,4 @@
-"""Signals that end a program: Ctrl-C, kill, timeout, a closed terminal.
+"""Handling of the signals that end a program: Ctrl-C, kill, timeout, a closed terminal.
 
 >>> with catch_stop_signals(patient=True) as is_asked:
 ...     is_asked()
@@ -19,15 +19,15 @@ if TYPE_CHECKING:
     from types import FrameType
 
 STOP_SIGNALS: Final = ("SIGINT", "SIGTERM", "SIGHUP")
-"""Signals of Ctrl-C, of kill and timeout, and of a closed terminal."""
+"""Signals sent by Ctrl-C, by kill and timeout, and by a closed terminal."""
 
 
 @contextlib.contextmanager
 def handle_signals(handler: Callable[[int, FrameType | None], object], *names: str) -> Iterator[None]:
-    """Handle signals by a function, except those ignored or missing on this system; only in the main thread."""
+    """Handle signals by a function, in the main thread only; ignored or missing signals are left alone."""
     here = threading.current_thread() is threading.main_thread()
     numbers = [getattr(signal, name) for name in names if here and hasattr(signal, name)]
-    awaited = [number for number in numbers if signal.getsignal(number) != signal.SIG_IGN]  # nohup ignores one
+    awaited = [number for number in numbers if signal.getsignal(number) != signal.SIG_IGN]  # nohup ignores SIGHUP
     before = {number: signal.signal(number, handler) for number in awaited}
     try:
         yield
@@ -39,8 +39,8 @@ def handle_signals(handler: Callable[[int, FrameType | None], object], *names: s
 def interrupt(number: int, frame: FrameType | None) -> None:
     """Raise `KeyboardInterrupt`, but not during an import, which would turn it into another error.
 
-    Python before 3.12 raises `RuntimeError` if interrupted in a class body, NumPy `ImportError` if interrupted on
-    loading.
+    An interrupt would become a `RuntimeError` in a class body before Python 3.12, and an `ImportError` while NumPy is
+    loaded.
     """
     _handled.set()
     if not _is_importing(frame):
@@ -53,7 +53,7 @@ _handled: Final = threading.Event()
 
 
 def _send_again(number: int) -> None:
-    """Repeat a signal to the main thread until it is handled; one sent just before a wait for input can get lost."""
+    """Repeat a signal until the main thread has handled it; one sent just before a wait for input can be lost."""
     time.sleep(0.01)
     _handled.clear()
     while not _handled.is_set():
@@ -65,7 +65,7 @@ def _send_again(number: int) -> None:
 
 
 def _is_importing(frame: FrameType | None) -> bool:
-    """Whether a call belongs to the import of a module."""
+    """Whether a call was made during the import of a module."""
     while frame is not None and frame.f_globals.get("__name__") != "importlib._bootstrap":
         frame = frame.f_back
     return frame is not None
@@ -73,7 +73,7 @@ def _is_importing(frame: FrameType | None) -> bool:
 
 @contextlib.contextmanager
 def catch_stop_signals(*, patient: bool) -> Iterator[Callable[[], bool]]:
-    """Count Ctrl-C and the other `STOP_SIGNALS` as a request to stop; yields whether there was one."""
+    """Take a signal of `STOP_SIGNALS` as a request to stop; yields a function that returns whether one came."""
     asked = False
 
     def ask(number: int, _: object) -> None:

@@ -32,7 +32,7 @@ def numbers_type(count: int, what: str) -> Callable[[object], tuple[float, ...]]
 
 
 def size_option(name: str, words: str, **more: Any) -> program.Field:
-    """An option with a value in µT, 0 or above."""
+    """An option with a value in µT, at least 0."""
     size = program.number_within(0, sys.float_info.max, "0 or a number above it", zero=True)
     return program.member(name, type=size, metavar="UT", help=words, **more)
 
@@ -59,7 +59,7 @@ class Simulation(program.Group):
 
     @property
     def truth_path(self) -> str | None:
-        """File of the truth, or None."""
+        """File of the truth; None if it is not written."""
         from flinders.simulate.truth import truth_path
 
         return self.truth or (truth_path(self.output) if self.output not in ("", "-") else None)
@@ -78,7 +78,7 @@ class Simulation(program.Group):
         Outputs.of(*files, force=self.force, as_json=as_json).check(inputs)
 
     def write(self, simulated: Simulated, *, bare: bool = False) -> None:
-        """Write the recording and its truth, and print a summary; `bare` omits all columns but the magnetic field."""
+        """Write the recording and its truth, and print a summary; `bare` keeps only the magnetic field."""
         from dataclasses import replace
 
         from flinders.simulate.recording import lines, write_csv
@@ -99,12 +99,12 @@ class Simulation(program.Group):
 
 
 def _summary(simulated: Simulated) -> str:
-    """One line that describes the simulation."""
+    """Describe the simulation in one line."""
     samples, sensor = simulated.samples, simulated.sensor
     parts = [f"simulated: {count_text(len(samples), 'reading')}, {simulated.motion}"]
     if samples.time is not None and simulated.rate_hz:
         parts[0] += f", {len(samples) / simulated.rate_hz:g} s"
-    offset = sensor.offset if samples.time is not None else sensor.offset[:2]  # a swing has two axes, no times
+    offset = sensor.offset if samples.time is not None else sensor.offset[:2]  # a swing has two axes and no times
     parts.append(f"offset {math.hypot(*offset):.3g} µT, {sensor.noise:g} µT of noise")
     if outliers := int(simulated.outliers.sum()):
         parts.append(count_text(outliers, "outlier"))

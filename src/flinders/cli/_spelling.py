@@ -1,6 +1,6 @@
 """Hints of errors and findings, spelled as options of the command line.
 
-A keyword argument of Python corresponds to the option whose parameter has its name, or lists it in its `keywords`.
+A keyword argument of Python corresponds to the option whose parameter has that name or lists it in its `keywords`.
 
 >>> from flinders.cli import main
 >>> calibrate = main.commands["calibrate"]
@@ -29,12 +29,12 @@ TAKEN: Final = "flinders.cli.taken"
 
 
 def in_options(hint: Hint, commands: Sequence[click.Command] | None = None) -> str:
-    """Spell a hint as options, each of the first command that has it; a keyword that no command has is omitted.
+    """Spell a hint as options, each of the first command that has it; keywords without an option are omitted.
 
-    An option that the first command lacks is given with its command: ``flinders calibrate --unit``. Only ``--force`` is
-    never taken from another command, as it would overwrite nothing of the first one.
+    An option that only another command has is given with that command: ``flinders calibrate --unit``. ``--force`` is
+    never taken from another command, as it would not overwrite the output of the first one.
 
-    `commands`: by default the `searched_commands` commands for the one that runs.
+    `commands` are by default the `searched_commands` for the command that runs.
     """
     context = click.get_current_context(silent=True)
     if commands is None:
@@ -51,7 +51,7 @@ def in_options(hint: Hint, commands: Sequence[click.Command] | None = None) -> s
 
 
 def searched_commands(command: click.Command, program: click.Command) -> tuple[click.Command, ...]:
-    """The commands that are searched for the options of a hint: `command`, and ``calibrate``."""
+    """Commands whose options are searched for a hint: `command`, then ``calibrate``."""
     calibrate = program.commands.get("calibrate") if isinstance(program, click.Group) else None
     return (command,) if calibrate is None else (command, calibrate)
 
@@ -79,7 +79,7 @@ def hints_of_typed_options() -> Iterator[None]:
 
 
 def option_of(keyword: str, command: click.Command) -> click.Option | None:
-    """The option of a command that corresponds to a keyword argument of Python."""
+    """The option of a command for a keyword argument of Python; None without one."""
     options = (param for param in command.params if isinstance(param, click.Option))
     return next((each for each in options if keyword in (each.name, *getattr(each, "keywords", ()))), None)
 
@@ -96,6 +96,6 @@ def _spell_option(option: click.Option, value: object) -> str:
 
 
 def _with_value(name: str, value: object) -> str:
-    """An option with one value, which may begin with a minus."""
+    """An option with one value, even if the value begins with a minus."""
     written = shlex.quote(str(value))
     return f"{name}{'=' if written.startswith('-') else ' '}{written}"

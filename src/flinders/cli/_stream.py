@@ -1,4 +1,4 @@
-"""Recordings converted to headings reading by reading, for ``flinders heading`` and ``swing``."""
+"""Conversion of a recording to headings, reading by reading, for ``flinders heading`` and ``swing``."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ def open_log(
     grid: bool = False,
     **reading: Any,
 ) -> HeadingStream:
-    """Open a recording, with a calibration or without, and find the field at its site.
+    """Open a recording with or without a calibration, and find the field at its site.
 
-    With `has_stated_place`, a place stated in the log is used as if it were given.
+    With `has_stated_place`, a place that the log states is used like a typed one.
     """
     from flinders.core.axes import Axes
     from flinders.core.geomag import recorded_field

@@ -1,4 +1,4 @@
-"""Calibrations without a rotation of the sensor: from six typed extremes, or of disturbances on a bench."""
+"""Calibration of a sensor that is not turned: from six typed extremes, or of its disturbances on a bench."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def _refuse_other_axes(calibration: Calibration, parts: Sequence[Recording], pat
 
 
 def _save(calibration: Calibration, known: Fit, outputs: Outputs) -> None:
-    """Write a calibration with its new disturbances; fit and provenance are those of the previous file."""
+    """Write a calibration with its new disturbances, and with the fit and provenance of the previous file."""
     from flinders.core.calibration_file import dumps, read
 
     output = outputs.files[0].path

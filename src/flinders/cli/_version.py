@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 KERNELS: Final = {1: "baseline kernels", 2: "AVX2 kernels"}
-"""Names of the engine's kernels, by the number that the engine returns."""
+"""Names of the engine's compute kernels, by the number that the engine returns."""
 
 
 def versions() -> str:
-    """Lines of name and version, beginning with the program."""
+    """Versions, one line each, beginning with that of the program."""
     optional = sorted(packages_of_extra("all"))
     there = [f"{name} {_version(name)}" for name in optional if _version(name)]
     missing = [name for name in optional if not _version(name)]
@@ -36,7 +36,7 @@ def versions() -> str:
 
 
 def _version(package: str) -> str:
-    """Version of an installed package; empty if it is missing."""
+    """Version of an installed package; empty if the package is missing."""
     try:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
@@ -44,7 +44,7 @@ def _version(package: str) -> str:
 
 
 def _engine() -> str:
-    """Kernels of the engine for this processor, found without importing NumPy."""
+    """Name of the engine's kernels for this processor; determined without importing NumPy."""
     from flinders.native import build
 
     try:
@@ -55,7 +55,7 @@ def _engine() -> str:
 
 
 def _bundle() -> str:
-    """State of the page's 3-D library, with advice if it is missing."""
+    """State of the page's 3-D library, with advice if the library is missing."""
     if resources.files("flinders").joinpath("static", "vendor", "three.js").is_file():
         return "installed"
     return (
@@ -65,6 +65,6 @@ def _bundle() -> str:
 
 
 def _plugins() -> Iterable[str]:
-    """Packages that add readers or targets."""
+    """Yield the packages that add readers or targets."""
     entries = [*metadata.entry_points(group="flinders.readers"), *metadata.entry_points(group="flinders.targets")]
     return dict.fromkeys(f"{entry.dist.name} {entry.dist.version}" for entry in entries if entry.dist)

@@ -45,11 +45,11 @@ Exit codes:
 """,
 )
 def command(options: Accelerometer) -> None:
-    """Calibrate an accelerometer from still poses: offsets, gains and misalignment, with the error of its vertical.
+    """Calibrate an accelerometer from still poses: offsets, gains, misalignment, and the error of the vertical.
 
-    Put the device on each of its six sides for two seconds each while recording; movement between the poses does no
-    harm. Six more poses on edges determine the angles between the axes. A gyro that is recorded too gets its offset.
-    POSES is any recording that `flinders calibrate` takes, and needs no magnetometer.
+    Put the device on each of its six sides for two seconds while recording. Movement between the poses does no harm.
+    Six more poses, on edges, determine the angles between the axes. If a gyro is recorded too, its offset is estimated.
+    POSES is any recording that `flinders calibrate` takes; it needs no magnetometer.
     """
     from flinders.core.inertial_record import dumps
     from flinders.estimators.data import CountedRecording

@@ -43,13 +43,13 @@ Example:
 """,
 )
 def command(options: Apply) -> int:
-    """Correct RECORDING with CALIBRATION: the same rows and columns, in the recording's own unit.
+    """Correct RECORDING with CALIBRATION: same rows, same columns, and the recording's own unit.
 
-    Unit and axes come from the calibration file; a recording that contradicts it is refused. Corrected readings are in
-    the calibration's axes. RECORDING is a file, or - for standard input, which may be endless: lines are corrected as
-    they arrive, and memory does not grow. A recording that is not text, such as a vehicle's log, is written as
-    comma-separated text, in microtesla if its unit is known. If the calibration corrects for a disturbance, such as a
-    current, that has to be among the columns.
+    Unit and axes come from the calibration file; a recording that contradicts them is refused. Corrected readings are
+    in the calibration's axes. RECORDING is a file, or - for standard input, which may be endless: lines are corrected
+    as they arrive, and memory does not grow. A recording that is not text, such as a vehicle's log, is written as
+    comma-separated text, in microtesla if its unit is known. A calibration with a disturbance, such as a current, needs
+    a column of that disturbance.
     """
     from flinders.fitting.result import tilt_words
     from flinders.workflows.correction import CorrectionStream

@@ -132,7 +132,7 @@ def _calibrate_typed(options: Calibrate) -> int:
 
 
 def _calibrate_each(options: Calibrate, asked: dict[str, Any]) -> int:
-    """Calibrate each magnetometer of a log or table."""
+    """Calibrate each magnetometer of a log or table separately, or all of them jointly."""
     from flinders.cli._multi_sensor import MultiSensor
 
     files = options.files
@@ -155,7 +155,7 @@ def _calibrate_each(options: Calibrate, asked: dict[str, Any]) -> int:
 
 
 def _propose_unit(calibration: Calibration) -> None:
-    """Print the unit in which readings in counts would have the strength of the earth's field, if there is one."""
+    """Print the unit in which the earth's field has the strength of readings in counts, if there is such a unit."""
     from flinders.workflows.recording_contents import unit_remark
 
     if words := unit_remark(calibration.field_strength, calibration.unit, in_options):
@@ -163,7 +163,7 @@ def _propose_unit(calibration: Calibration) -> None:
 
 
 class _FitRun:
-    """A fit of one sensor, from its recordings to its files; `asked` are the arguments by `Calibrate.of_fit`."""
+    """The fit of one sensor, from its recordings to its output files; `asked` are the arguments of the fit."""
 
     def __init__(self, recording: Recording, options: Calibrate, asked: dict[str, Any]) -> None:
         from flinders.core.joining import single_recordings
@@ -180,7 +180,7 @@ class _FitRun:
 
     @property
     def recording(self) -> Recording:
-        """All recordings as one, filtered with ``--filter``."""
+        """All recordings as one; filtered if ``--filter`` was given."""
         from flinders.core.joining import join_recordings
         from flinders.fitting.filtering import filter_recordings
 
@@ -189,7 +189,7 @@ class _FitRun:
         return filter_recordings(self.parts, self.options.by)
 
     def run_fit(self) -> Fit:
-        """Fit the recordings; after a refusal, write the reports and the convergence up to it."""
+        """Fit the recordings; if the fit is refused, write the reports and the convergence so far."""
         from flinders.fitting.filtering import fit_filtered
         from flinders.fitting.result import with_walk
 
@@ -204,7 +204,7 @@ class _FitRun:
         return with_walk(fit, walk_in(self.options.history, fit))
 
     def _point_to_check(self) -> None:
-        """Print the command that judges the onboard calibration, for a log that gives no calibration."""
+        """For a log that gives no calibration, print the command that checks its onboard calibration."""
         from flinders.core.samples import onboard_of
 
         paths, sensor = self.options.recordings, self.options.sensors.sensor
@@ -214,7 +214,7 @@ class _FitRun:
             say(phrase("next.judge", "the onboard calibration is judged by: {command}", command=command))
 
     def print_refused(self, refused: Fit, refusal: FitError) -> int:
-        """Print a refusal with the numbers of the refused recipe, marked as such."""
+        """Print a refusal, and the numbers of the refused recipe, marked as refused."""
         from flinders.report.fit_pages import page_of_refused_recipe
 
         if not self.files.as_json:
@@ -223,7 +223,7 @@ class _FitRun:
         return print_error(refusal, as_json=self.files.as_json, more=more)
 
     def write(self, fit: Fit) -> None:
-        """Write and print the fit and its reports, then the files for targets, which may fail even for a good fit."""
+        """Write and print the fit and its reports, and then the exports, which may fail even for a good fit."""
         from flinders.core.calibration_file import dumps
         from flinders.core.samples import onboard_of
         from flinders.fitting.fit_json import json_of
@@ -270,7 +270,7 @@ class _FitRun:
                 say(phrase("next.targets", "other targets: {command}", command="flinders targets"))
 
     def _write_convergence(self) -> None:
-        """Write how the estimate converges, for ``--convergence``."""
+        """Write the convergence of the estimate, for ``--convergence``."""
         path = self.files.convergence
         if path is None:
             return
@@ -288,7 +288,7 @@ class _FitRun:
         say(f"convergence written to {path}")
 
     def _write_reports(self, outcome: Fit | FitError, onboard: OnboardCheck | None = None) -> None:
-        """Write the page in plain words and the HTML report, if they were asked for."""
+        """Write the page in plain words and the HTML report, if the user asked for them."""
         outputs, text, html = self.files.outputs, self.files.report_text, self.files.report
         if text is not None:
             from flinders.report.plain import page

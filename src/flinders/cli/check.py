@@ -58,12 +58,12 @@ class Check(program.Group):
 
     @property
     def is_aged(self) -> bool:
-        """Whether only a calibration was given, to be judged by its age."""
+        """Whether only a calibration was given, which is then judged by its age."""
         return not self.recordings and self.calibration is not None and is_calibration(self.calibration)
 
     @property
     def is_onboard(self) -> bool:
-        """Whether only a log was given, whose onboard calibration is to be judged."""
+        """Whether only a log was given, whose onboard calibration is then judged."""
         return not self.recordings
 
 
@@ -90,14 +90,14 @@ Exit codes:
 """,
 )
 def command(options: Check) -> int:
-    """Fit RECORDING anew and compare CALIBRATION with the result: heading difference, and whether it is significant.
+    """Fit RECORDING anew, compare CALIBRATION with the result, and tell whether the difference is significant.
 
-    With a log only, its onboard calibration is judged. With a CALIBRATION only, its present heading error is
-    computed from the drift of its offset, and the day until which it is good.
+    With a log only, its onboard calibration is judged. With a CALIBRATION only, its present heading error is computed
+    from the drift of its offset, with the day until which the calibration is good.
 
-    Record as for a calibration: turn the sensor through all directions. Unit and axes come from the
-    calibration file; a recording that contradicts it is refused. RECORDING is a file, or - for standard
-    input; several recordings are fitted together.
+    Record as for a calibration: turn the sensor through all directions. Unit and axes come from the calibration file; a
+    recording that contradicts them is refused. RECORDING is a file, or - for standard input; several recordings are
+    fitted together.
     """
     if options.is_aged:
         return _age(options)
@@ -139,7 +139,7 @@ def _age(options: Check) -> int:
 
 
 def _day(text: str) -> datetime:
-    """A typed day or time, in UTC unless it has a time zone."""
+    """Read a day or time; it is in UTC unless it has a time zone."""
     from datetime import UTC, datetime
 
     try:
@@ -150,7 +150,7 @@ def _day(text: str) -> datetime:
 
 
 def _calibrate_command(options: Check) -> str:
-    """The command that calibrates from the same log."""
+    """Command that calibrates from the same log."""
     sensor = [] if options.sensor is None else ["--sensor", options.sensor]
     return shlex.join(["flinders", "calibrate", str(options.calibration), *sensor, "-o", "calibration.json"])
 
@@ -202,7 +202,7 @@ def _load_onboard(options: Check, watch: Progress | None) -> tuple[Fit, list[Cou
 
 
 def _print(checked: Checked, *, as_json: bool) -> None:
-    """Print the page, or all results as JSON."""
+    """Print the page of the check, or all its results as JSON."""
     from flinders.report.check_page import page_of_check
 
     if checked.refusal is not None and as_json:
@@ -217,7 +217,7 @@ def _print(checked: Checked, *, as_json: bool) -> None:
 
 
 def _drift_words(checked: Checked, walk: RandomWalk) -> str:
-    """Drift of the offset in words, with a line of bars if the output can show them."""
+    """Words for the drift of the offset, with a line of bars if the output can show them."""
     from flinders.core.units import unit_label
     from flinders.diagnostics.random_walk import BARS
 

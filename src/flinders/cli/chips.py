@@ -25,10 +25,11 @@ Example:
 """,
 )
 def command(options: Chips) -> None:
-    """List common magnetometer chips: µT of a count, range, noise and axes, in the setting after power-on.
+    """List common magnetometer chips: µT per count, range, noise and axes, in the setting after power-on.
 
-    With NAME, of a chip or a package that holds one, all its settings, known mistakes and the sources of the values. A
-    value is left out where no source was seen for it. `flinders info` proposes unit and axes by this table.
+    With NAME, a chip or a package that contains one: all its settings, known errors in data sheets and libraries, and
+    the sources of the values. A value without a source is left out. `flinders info` proposes unit and axes from this
+    table.
     """
     from flinders.core.chips import chips, find_chip
     from flinders.report.chip_pages import of_chip, of_chips

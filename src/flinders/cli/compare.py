@@ -44,11 +44,10 @@ Exit codes:
 """,
 )
 def command(options: Compare) -> int:
-    """Compare calibrations A and B: heading difference, and whether it is significant.
+    """Compare calibrations A and B of one sensor, and tell whether their heading difference is significant.
 
-    Both are calibration files of one sensor. The difference in heading is compared with the uncertainty of
-    both; two calibrations from one recording differ less than that. A file without a covariance is
-    used as if exact.
+    A and B are calibration files. The heading difference is compared with the uncertainty of both; two calibrations
+    from one recording differ by less. A file without a covariance is taken as exact.
     """
     from flinders.comparison.comparison import compare
     from flinders.report.comparison_pages import page_of_comparison
@@ -65,7 +64,7 @@ def command(options: Compare) -> int:
 
 
 def _load(path: str, other: str) -> Fit:
-    """Load a calibration; if it is a recording, the error names the command for a calibration and a recording."""
+    """Load a calibration; for a recording, the error names the command that compares a calibration with a recording."""
     from flinders.fitting.fit_file import load
 
     try:

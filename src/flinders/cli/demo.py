@@ -1,4 +1,4 @@
-"""``flinders demo``: simulate and calibrate a sensor, to see the program without one."""
+"""``flinders demo``: simulate a sensor and calibrate it, to try the program without a sensor."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def command(options: Demo) -> int:
 
 
 def _write(path: str, simulated: Simulated, *, force: bool) -> None:
-    """Write the recording as a logger would, and its truth to a second file."""
+    """Write the recording as a logger would, and the truth to a second file."""
     from flinders.core.files import refuse_existing
     from flinders.simulate import truth, write_csv
 

@@ -43,11 +43,11 @@ Exit codes:
 """,
 )
 def command(options: Evaluate) -> int:
-    """Compare CALIBRATION with TRUTH, a file written by `flinders simulate`: true errors and stated ones.
+    """Compare CALIBRATION with TRUTH, a file written by `flinders simulate`: true errors next to stated ones.
 
-    True errors of heading, direction, offset and matrix are listed next to the stated ones, with their
-    ratio, which is about 1 for a correct uncertainty. Both are in the magnetometer's own axes; a rotation into the body
-    is listed separately, and judged only if the calibration states it.
+    True errors of heading, direction, offset and matrix are listed next to the stated ones, with their ratio; a ratio
+    of about 1 means that the stated uncertainty is right. Both files are in the magnetometer's own axes; a rotation
+    into the body is listed separately, and judged only if the calibration states it.
     """
     from flinders.comparison.evaluation import evaluate
     from flinders.report.comparison_pages import page_of_evaluation

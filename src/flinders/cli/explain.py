@@ -24,7 +24,7 @@ Example:
 """,
 )
 def command(options: Explain) -> None:
-    """Explain the code of a finding or an error, which is printed in brackets after it."""
+    """Explain the code of a finding or an error: the word in brackets after it."""
     from flinders.findings.explanation import explain
     from flinders.report.terminal import facts
 

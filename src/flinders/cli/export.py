@@ -79,9 +79,9 @@ Exit codes:
 def command(options: ExportCommand) -> None:
     """Write CALIBRATION for a target: parameters of an autopilot, registers of a sensor, code to compile.
 
-    The output is checked first: the target's own formula is applied to fields of all directions with the
-    numbers as they are written, and the largest error is printed. A value that the target cannot store is
-    refused, not clipped, and so is a target without soft iron if that matters.
+    The output is checked first: fields of all directions are corrected by the target's own formula, with the numbers as
+    they are written, and the largest error is printed. A value that the target cannot store is refused, not clipped. A
+    target without soft iron is refused if the calibration needs soft iron.
     """
     from flinders.workflows.exporting import export
 
@@ -115,7 +115,7 @@ def path_or_fit(path: str) -> Fit | Inertial:
 
 
 def _say(exported: Exported, *, is_hidden: bool, is_asked: bool) -> None:
-    """Print the error of the export, its limits and its compass, unless they are comments of a text on the terminal."""
+    """Print the error of the export, its limits and its compass; not if the terminal shows them as comments already."""
     export = exported.export
     if is_hidden or not export.has_comments:
         say(export.checked)
@@ -128,7 +128,9 @@ def _say(exported: Exported, *, is_hidden: bool, is_asked: bool) -> None:
 
 
 def split_exports(values: Sequence[str]) -> tuple[tuple[str, str], ...]:
-    """Split the values of ``calibrate --export`` into targets and files; by default the file has the target's name.
+    """Split the values of ``calibrate --export`` into targets and files.
+
+    Without a file, the file is named after the target.
 
     >>> split_exports(["json", "c:mag.h"]), split_exports([])
     ((('json', 'json.json'), ('c', 'mag.h')), ())
@@ -148,7 +150,7 @@ def write_exports(
     files: Sequence[SourceFile],
     calibration: str | None,
 ) -> None:
-    """Write a fit for targets, after its `calibration` file; `files` are the recordings that it was made from."""
+    """Write a fit for targets, after its `calibration` file was written; `files` are the recordings of the fit."""
     name = ", ".join(file.name for file in files)
     fit = replace(fit, provenance=replace(fit.provenance, name=name, record=provenance(files=files)))
     failed: list[FlindersError] = []
@@ -181,7 +183,7 @@ def _write_export(fit: Fit, target: str, path: str, outputs: Outputs) -> None:
 
 
 def _whereabouts(calibration: str | None) -> str:
-    """Sentence on where the calibration is, for a failed export."""
+    """Sentence that says where the calibration is, if an export fails."""
     if calibration is None:
         return "no calibration file was asked for either: keep it with -o calibration.json"
     if calibration == "-":

@@ -67,10 +67,10 @@ Example:
 def command(options: Heading) -> int:
     """Write the heading of each reading of LOG, corrected with CALIBRATION, as comma-separated text.
 
-    It is the heading of the sensor's x axis, clockwise from magnetic north, with tilt compensation by the
-    accelerometer in LOG at any attitude. With --at, or a LOG that states its place, it is also given from true
-    north, and with --grid from grid north of the map. LOG is a file, or - for
-    standard input, which may be endless: lines are written as they arrive.
+    The heading is that of the sensor's x axis, clockwise from magnetic north. The accelerometer in LOG compensates the
+    tilt, in any attitude. With --at, or a LOG that states its place, the heading from true north is added, and with
+    --grid that from grid north of the map. LOG is a file, or - for standard input, which may be endless: lines are
+    written as they arrive.
     """
     from flinders.fitting.result import tilt_words
     from flinders.report.heading_pages import page_of_headings
@@ -99,7 +99,7 @@ def command(options: Heading) -> int:
 
 
 def _open(options: Heading, bar: Any) -> HeadingStream:  # noqa: ANN401 - progress
-    """Open the log with all options."""
+    """Open the log for conversion, as the options say."""
     return open_log(
         "heading",
         options.calibration,
@@ -129,7 +129,7 @@ def _lines(log: HeadingStream) -> Iterator[str]:
 
 
 def _reading_columns(log: HeadingStream, numbers: Floats, samples: Samples) -> dict[str, Floats]:
-    """The columns that identify a reading: its number, and its time in seconds."""
+    """Columns that identify a reading: its number, and its time in s."""
     named = {"line" if hasattr(log.recording, "numbered_blocks") else "reading": numbers}
     if samples.time is not None:
         named["time_s"] = samples.time + clock_start(log.recording)
@@ -137,11 +137,11 @@ def _reading_columns(log: HeadingStream, numbers: Floats, samples: Samples) -> d
 
 
 FORMATS: Final = {"line": "%.0f", "reading": "%.0f", "time_s": "%.6f", "strength": "%.5f"}
-"""Formats of columns that are not angles."""
+"""Number formats of the columns that are not angles."""
 
 
 def _rows(columns: dict[str, Floats]) -> str:
-    """Lines of a block. Headings are rounded before they are wrapped, so that 360.000 is never written."""
+    """Lines of a block. Headings are wrapped after rounding, so that 360.000 is never written."""
     import numpy as np
 
     from flinders.geometry.angles import wrap_360

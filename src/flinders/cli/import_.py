@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from flinders.core.calibration_file import ProvenanceRecord
 
 MAX_FILE_BYTES: Final = 4 * 2**20
-"""Maximum size in bytes; files of parameters have some ten thousand."""
+"""Largest size of a file to import, in bytes; a file of parameters has some ten thousand."""
 
 
 class Import(program.Group):
@@ -61,8 +61,8 @@ def command(options: Import) -> None:
 
     FILE may be a log; then its onboard calibration is written.
 
-    FILE is an export by `flinders export` for a target marked in `flinders targets`, or a file of the tool
-    itself: {saved}. It contains no uncertainty, and nothing about the recording.
+    FILE is an export by `flinders export` for a target marked in `flinders targets`, or a file of the tool itself:
+    {saved}. Such files contain no uncertainty, and nothing about the recording.
     """
     from flinders.core.calibration_file import dumps
     from flinders.core.files import read_bytes
@@ -116,7 +116,7 @@ def _import_log(options: Import) -> None:
 
 
 def _provenance(content: bytes, file: str, name: str, compass: int | None) -> ProvenanceRecord | None:
-    """Provenance that names the compass of the vehicle, if there are several, for a later export to that compass."""
+    """Provenance that names one of several compasses of a vehicle, so that a later export is for that compass."""
     from flinders.readers._source import printable
     from flinders.targets import find
 
@@ -130,13 +130,13 @@ def _provenance(content: bytes, file: str, name: str, compass: int | None) -> Pr
 
 
 def _refuse_own(content: bytes, file: str) -> None:
-    """Refuse a calibration file of our own, which needs no import."""
+    """Refuse a calibration file of Flinders, which needs no import."""
     if content.lstrip()[:1] == b"{" and b'"field_strength_known"' in content and b'"calibration"' in content:
         raise UsageError(f"{file} is a calibration file already: no import is needed")
 
 
 def _words(file: str, name: str, calibration: Calibration) -> list[str]:
-    """Lines on the imported calibration, and on values that the file lacks."""
+    """Lines about the imported calibration, and about values that the file lacks."""
     from flinders.targets import find
 
     if find(name).keeps in ("rotation", "axes"):
@@ -156,7 +156,7 @@ def _words(file: str, name: str, calibration: Calibration) -> list[str]:
 
 
 def _other_contents(content: bytes, file: str, name: str) -> list[str]:
-    """Lines on other contents of the file."""
+    """Lines about other contents of the file."""
     from flinders.targets import find
 
     reader = find(name).reader

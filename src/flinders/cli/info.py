@@ -1,4 +1,4 @@
-"""``flinders info``: contents of a recording, and the command to type next."""
+"""``flinders info``: the contents of a recording, and the command to type next."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ Example:
 """,
 )
 def command(options: Info) -> None:
-    """Show the contents of LOG: its magnetometers, their rate, range and gaps, and the other columns.
+    """Show the contents of LOG: its magnetometers with rate, range and gaps, and its other columns.
 
-    Also shown: the onboard calibration, place and time, the field expected there, how many directions were covered, and
-    the command to type next. LOG is any recording that `flinders calibrate` takes, or a set of recordings: a folder, a
+    Also shown are the onboard calibration, place and time, the expected field, the share of directions covered, and the
+    command to type next. LOG is any recording that `flinders calibrate` takes, or a set of recordings: a folder, a
     table of many units, or a result of `flinders fleet`.
     """
     from flinders.core.plugins import other_contents
@@ -88,7 +88,7 @@ def _words(name: str, value: object) -> list[str]:
 
 
 def _site(log: Log, place: option.Place) -> SiteField | None:
-    """The field at the given place, on the day of the log."""
+    """The field at the given place, on the day of the log; None without a place."""
     if place.place is None:
         return None
     day = place.date or (log.start_time.date().isoformat() if log.start_time else None)

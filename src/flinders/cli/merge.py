@@ -11,7 +11,7 @@ from flinders.errors import UsageError
 
 
 class Merge(program.Group):
-    """Calibrations, and the file of their merged calibration."""
+    """The calibrations to merge, and the file of the result."""
 
     calibrations: tuple[str, ...] = program.argument("CALIBRATION...", nargs=-1)
     output: str | None = option.output(

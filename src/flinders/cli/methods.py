@@ -1,4 +1,4 @@
-"""``flinders methods``: list the methods and their options, ``--option NAME=VALUE``.
+"""``flinders methods``: list the methods of estimation and their options (``--option NAME=VALUE``).
 
 >>> from flinders.estimators import METHODS
 >>> list_options(METHODS["minmax"])
@@ -61,13 +61,13 @@ BOOLEAN_WORDS: Final = {"no": False, "yes": True, "false": False, "true": True}
 
 
 def list_options(method: type[Estimator]) -> dict[str, tuple[str, ...]]:
-    """Each option of a method with its values, the default first; only the default for numbers."""
+    """Each option of a method with its values, the default first; for numbers the default only."""
     hints = get_type_hints(method)
     return {field.name: _values(field.default, get_args(hints[field.name])) for field in _fields(method)}
 
 
 def parse_options(words: Iterable[str], method: type[Estimator]) -> dict[str, Any]:
-    """Read ``NAME=VALUE`` as options of a method."""
+    """Read words of the form ``NAME=VALUE`` as options of a method."""
     defaults = {field.name: field.default for field in _fields(method)}
     options: dict[str, Any] = {}
     for word in words:
@@ -85,14 +85,14 @@ def parse_options(words: Iterable[str], method: type[Estimator]) -> dict[str, An
 
 
 def _fields(method: type[Estimator]) -> list[dataclasses.Field[Any]]:
-    """Options of a method, except those of the site, which have ``--dip`` and ``--field-strength``."""
+    """Options of a method, except dip and field strength, which have options of their own."""
     from flinders.estimators.base import SITE_OPTIONS
 
     return [field for field in dataclasses.fields(cast("Any", method)) if field.name not in SITE_OPTIONS]
 
 
 def _values(default: object, choices: tuple[object, ...]) -> tuple[str, ...]:
-    """The values of an option in words, the default first; only the default for a number."""
+    """Values of an option in words, the default first; for a number the default only."""
     if isinstance(default, bool):
         return ("yes", "no") if default else ("no", "yes")
     if isinstance(default, str):
@@ -101,7 +101,7 @@ def _values(default: object, choices: tuple[object, ...]) -> tuple[str, ...]:
 
 
 def _value(word: str, text: str, default: object) -> object:
-    """Read a value of the same type as the default."""
+    """Read a value; its type is that of the default."""
     if isinstance(default, str):
         return text
     if isinstance(default, bool):

@@ -1,4 +1,4 @@
-"""``flinders plan``: which motion, how long, and which heading error to expect, before anything is recorded."""
+"""``flinders plan``: which motion, how long, and the heading error to expect, before anything is recorded."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ BODIES: Final = {
     "robot": "a wheeled robot that turns on a level floor: level",
     "wrist": "a watch on the wrist of a person who turns: tilted by up to 90°",
 }
-"""Those of `flinders.simulate.bodies.BODIES`, so that help needs no NumPy; a test holds the two together."""
+"""Copy of the names in `flinders.simulate.bodies.BODIES`, so that help needs no NumPy; a test compares the two."""
 
 
 class PlanOptions(program.Group):
@@ -71,7 +71,7 @@ class PlanOptions(program.Group):
     as_json: bool = option.as_json()
 
     def site(self) -> Site | None:
-        """Field at ``--at``, of today unless a day is given; axes of the plan are those of the vehicle, z down."""
+        """Field at the place of ``--at`` on the given day or today. Its axes are the vehicle's, with z down."""
         from flinders.cli._inputs import site_of
         from flinders.likelihood.site_field import Site
 
@@ -80,7 +80,7 @@ class PlanOptions(program.Group):
         return Site.of(site_of(self.place, self.date or "today", model=self.model), z_down=True)
 
     def check(self) -> None:
-        """Refuse a day or a model without a place, and files of other kinds than those that are written."""
+        """Refuse a day or a field model without a place, and output files with an unknown suffix."""
         if self.place is None and (self.date is not None or self.model is not None):
             raise UsageError("--date and --field-model are for the field at a place: give --at LAT,LON too")
         if self.drawing not in (None, "-") and Path(str(self.drawing)).suffix.lower() != ".svg":
@@ -119,11 +119,11 @@ Exit codes: those of the verdict to expect, as of `flinders calibrate`.
 """,
 )
 def command(options: PlanOptions) -> int:
-    """Plan a recording: which motion, how long, and which heading error to expect.
+    """Plan a recording: which motion, how long, and the heading error to expect.
 
-    The motion is simulated, and fitted and judged as a real recording would be; so the verdict of the recording
-    can be compared with the plan. The table also shows the gain of twice the time, of more tilt, of an accelerometer
-    and of a gyro.
+    The planned motion is simulated, and the simulated recording is fitted and judged like a real one; the verdict on
+    the real recording can be compared with the plan. The table also shows how much would be gained by twice the time,
+    more tilt, an accelerometer or a gyro.
     """
     from flinders.report.plan_drawing import drawing_of, page_of
     from flinders.report.plan_pages import of_plan

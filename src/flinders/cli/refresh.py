@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 READS_COURSES: Final = bool(app_modules("COURSES"))
-"""Whether an app reads logs of courses."""
+"""Whether an installed app reads logs of courses."""
 
 
 class Refresh(program.Group):
@@ -113,10 +113,10 @@ def command(options: Refresh) -> int:
     """Estimate the offset again after magnetic parts of a vehicle were changed, and keep the soft iron.
 
     Wobble the vehicle by 30° to all sides for ten seconds, or turn it on level ground, while recording. The soft iron
-    of CALIBRATION is used with its uncertainty; a contradiction with the readings is reported. Unit and axes
-    are those of the calibration file. A vehicle that cannot be turned is recorded at rest, at one or more
-    known headings, one RECORDING each (--heading). A vehicle whose heading is its course is driven straight on several
-    headings: the courses in its log are used as headings (--course).
+    of CALIBRATION is used with its uncertainty; readings that contradict it are reported. Unit and axes are those of
+    the calibration file. A vehicle that cannot be turned is recorded at rest at one or more known headings, in one
+    RECORDING for each heading (--heading). A vehicle whose heading is its course is driven straight on several
+    headings; the courses in its log then serve as headings (--course).
     """
     from flinders.core.calibration_file import dumps
     from flinders.fitting.fit_json import json_of
@@ -138,7 +138,7 @@ def command(options: Refresh) -> int:
 
 
 def _open(path: str, previous: Fit, options: Refresh) -> CountedRecording:
-    """Open a recording in unit and axes of the earlier calibration, and print which magnetometer is read."""
+    """Open a recording in the unit and axes of the earlier calibration, and print its magnetometer."""
     from flinders.estimators.data import CountedRecording
     from flinders.workflows.recordings import open_with
 
@@ -148,7 +148,7 @@ def _open(path: str, previous: Fit, options: Refresh) -> CountedRecording:
 
 
 def _refuse_known(path: str, previous: Fit, opened: list[CountedRecording]) -> None:
-    """Refuse a recording that the earlier calibration was made from, as double counting would understate the error."""
+    """Refuse a recording of the earlier calibration: readings counted twice would understate the error."""
     from flinders.workflows.recordings import own_recordings
 
     if names := own_recordings(previous, opened):
@@ -183,7 +183,7 @@ def _run_refresh(opened: list[CountedRecording], previous: Fit, options: Refresh
 
 
 def _refresh_on_courses(opened: list[CountedRecording], previous: Fit, options: Refresh) -> Fit:
-    """Refresh from the courses of one log, in the recording or separate."""
+    """Refresh from the courses of one log, which are in the recording or in a separate log."""
     from flinders.core.geomag import recorded_field
     from flinders.fitting.known_heading import refresh_on_courses
 
@@ -207,7 +207,7 @@ def _refresh_on_courses(opened: list[CountedRecording], previous: Fit, options: 
 
 
 def _courses(recording: Any, path: str | None) -> tuple[TimeSeries, object]:  # noqa: ANN401 - a recording of any reader
-    """Velocity over ground by the clock of a recording, and the log with its place, which may be a separate one."""
+    """Velocity over ground by the clock of a recording, and the log that contains it, which may be a separate one."""
     from flinders.readers._courses import read_courses
 
     if path is not None:
@@ -228,7 +228,7 @@ def _courses(recording: Any, path: str | None) -> tuple[TimeSeries, object]:  # 
 
 
 def _magnetic_headings(options: Refresh, recording: object) -> list[float]:
-    """Magnetic headings, from the typed ones or from typed true headings and the declination."""
+    """Magnetic headings, as typed or from typed true headings and the declination."""
     from flinders.core.geomag import recorded_field
 
     typed = options.headings if options.magnetic_headings is None else options.magnetic_headings
@@ -264,7 +264,7 @@ def _field(options: Refresh, place: str) -> SiteField:
 
 
 def _site(options: Refresh, recording: object) -> Site | None:
-    """Site and dip, typed or stated in the log."""
+    """Site and dip, as typed or as the log states them."""
     from flinders.likelihood.site_field import Site
 
     site = SiteOptions(place=options.place, date=options.date, model=options.model, gain_sigma=None)

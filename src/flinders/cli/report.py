@@ -1,4 +1,4 @@
-"""``flinders report``: write a calibration and a recording as one HTML file or PDF; also the report of a new fit."""
+"""``flinders report``: write a calibration and a recording as one HTML or PDF file; also reports of new fits."""
 
 from __future__ import annotations
 
@@ -90,10 +90,10 @@ Example:
 """,
 )
 def command(options: Report) -> None:
-    """Write a report of CALIBRATION on RECORDING as one self-contained HTML file: words, numbers and figures.
+    """Write a report on CALIBRATION and RECORDING as one self-contained HTML file: words, numbers and figures.
 
-    Stated errors are those of the calibration file; nothing is fitted anew. RECORDING is the one that it was made
-    from, or another of the same sensor: a file, or - for standard input. With --pdf only, no HTML is written.
+    Stated errors are those of the calibration file; nothing is fitted anew. RECORDING is the recording of the
+    calibration or another one of the same sensor: a file, or - for standard input. With --pdf only, no HTML is written.
     """
     from flinders.core.calibration_file import read
     from flinders.report.html import listings_of, page

@@ -31,8 +31,8 @@ Example:
 def command(options: Show) -> None:
     """Show the contents of CALIBRATION: offset and matrix with their uncertainty, heading error, limits and origin.
 
-    Nothing is fitted. With --json the file is printed in the format of this release. For the table that `flinders
-    fleet` wrote: how many units are good, which are not, and why.
+    Nothing is fitted. With --json the file is printed in the format of this release. For a table written by `flinders
+    fleet`, show how many units are good, and why the others are not.
     """
     import click
 

@@ -26,6 +26,6 @@ Example:
 def command() -> None:
     """Simulate a recording of a sensor with hard and soft iron, and write its truth next to it.
 
-    The recording is CSV as a logger writes it. The truth (sensor, field, motion, seed) goes into a separate
-    file, which `flinders evaluate` compares with a calibration. The same seed gives the same bytes.
+    The recording is CSV, as a logger writes it. The truth (sensor, field, motion, seed) goes into a separate file;
+    `flinders evaluate` compares a calibration with it. The same seed gives the same bytes.
     """

@@ -39,11 +39,11 @@ MOTIONS: Final = {
 """Copy of the names in `flinders.simulate.MOTIONS`, so that help needs no NumPy; a test compares the two."""
 
 DEFAULT_SOFT_IRON, DEFAULT_HARD_IRON_UT, DEFAULT_NOISE_UT = 0.25, 100.0, 0.5
-"""Defaults of a sensor: soft iron as a share, hard iron and noise in µT."""
+"""Defaults of a simulated sensor: soft iron as a fraction of 1, hard iron and noise in µT."""
 
 
 def _share(name: str, words: str) -> program.Field:
-    """An option with a share of the readings."""
+    """An option whose value is a fraction of the readings."""
     share = program.number_within(0, 1, "a share of the readings, 0 to 1", zero=True)
     return program.member(name, type=share, default=0.0, metavar="SHARE", help=words)
 
@@ -127,7 +127,7 @@ class ThreeAxis(Simulation):
         )
 
     def simulated_sensor(self) -> Sensor:
-        """Draw a sensor as `tumble` does, or take that of another recording."""
+        """Draw a random sensor as `tumble` does, or take the sensor of another recording's truth."""
         from dataclasses import replace
 
         import numpy as np
@@ -170,8 +170,8 @@ Example:
 def command(options: ThreeAxis) -> int:
     """Simulate a three-axis sensor in motion, with disturbances.
 
-    The directions of --motor, --drift, --step and --magnet are drawn from the seed. Columns: time, magnetic
-    field, and, for motions that have them, acceleration (specific force: level, −9.81 on z) and angular rate.
+    The directions of --motor, --drift, --step and --magnet are drawn from the seed. Columns are time, magnetic field
+    and, for motions that have them, acceleration (specific force: level, −9.81 on z) and angular rate.
     """
     from flinders.simulate.truth import Truth
 

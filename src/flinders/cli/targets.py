@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 
 
 class NamingTargets(program.Command):
-    """A command whose help contains names from the targets, in place of ``{saved}`` and ``{compasses}``."""
+    """A command whose help contains names of targets, in place of ``{saved}`` and ``{compasses}``."""
 
     def get_help(self, ctx: click.Context) -> str:
-        """Fill in the names when help is shown, so that targets are imported only then."""
+        """Fill in the names when help is shown; targets are imported only then."""
         from flinders.targets import registry
 
         rows = list(registry().values())
@@ -33,14 +33,14 @@ class NamingTargets(program.Command):
 
 
 def _fill_names(text: str | None, names: dict[str, str]) -> str | None:
-    """Replace marks in a text by names."""
+    """Replace the marks in a text by names."""
     for mark, name in names.items():
         text = text and text.replace(mark, name)
     return text
 
 
 def _saved_files(rows: Iterable[Target]) -> str:
-    """Kinds of files of tools that can be read, grouped by kind: a dump of one or another."""
+    """Kinds of files that targets read, in words, grouped by kind: a dump of one tool or another."""
     saved = dict.fromkeys(row.reader.saved for row in rows if row.reader and row.reader.saved)
     kinds: dict[str, list[str]] = {}
     for words in saved:
@@ -51,7 +51,7 @@ def _saved_files(rows: Iterable[Target]) -> str:
 
 
 def _compasses(rows: Iterable[Target]) -> str:
-    """Numbering of a vehicle's compasses in each tool, from the first to the last number."""
+    """Numbers of a vehicle's compasses in each tool, from first to last, in words."""
     counted = {row.title: row.compasses for row in rows if row.compasses}
     return ", ".join(f"{title}'s {numbers[0]} to {numbers[-1]}" for title, numbers in counted.items())
 
@@ -76,11 +76,12 @@ Example:
 def command(options: Targets) -> None:
     """List the targets of `flinders export`: what each one can store, its unit, and whether it can be imported.
 
-    They are grouped by what you have. With WORD, those with that word in their name, written form or group.
+    Targets are grouped by what you have. With WORD, only targets that have this word in their name, in the form that
+    they write, or in their group.
 
-    A star marks a fact that could not be verified in any source; lines below the table name the facts.
+    A star marks a fact that no source confirms; lines below the table name these facts.
 
-    With --json also the formula, the axes, the storage of numbers, and the sources of these facts.
+    With --json also the formula, the axes, the number format, and the sources of these facts.
     """
     from flinders.report.comparison_pages import page_of_targets
     from flinders.targets import registry, search

@@ -1,10 +1,10 @@
 """The catalogue of findings: one row for each possible finding about a fit.
 
-A row has the code, the rule with its limits, the sentence for an engineer, the sentence and the remedy for the user of
-the compass, and the cells of the table in docs/findings.md. Sentences are made from the values of a finding when it is
-shown: by the terminal, the page, reports and fleets. To add a finding, add its row to the file of its subject. A new
-quantity in its rule or sentence is computed with the others in the engine (``judge.c``), or, for other sensors, with
-their record.
+A row has the code, the rule with its limits, and the sentence for an engineer. It also has the sentence and the remedy
+for the user of the compass, and the cells of the table in docs/findings.md. Sentences are made from the values of a
+finding when it is shown: by the terminal, the page, reports and fleets. To add a finding, add its row to the file of
+its subject. If its rule or sentence needs a new quantity, the engine computes it (``judge.c``); for other sensors, the
+code that makes their record computes it.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ if TYPE_CHECKING:
     from flinders.errors import Spelling
 
 LINK: Final = re.compile(r"\[([^]]*)\]\([^)]*\)")
-"""A link in Markdown: its text is kept, its address is removed."""
+"""A link in Markdown. Its text is kept and its address removed."""
 
 
 def advice(finding: Finding, spell: Spelling = python_arguments) -> str:
-    """Advice with the arguments that it needs, spelled for an interface.
+    """Advice of a finding with the arguments that it names, in the form of an interface.
 
     >>> advice(Finding("unit-unknown", "note", {"field_strength": 48.0}))
     'the unit is not known, so all is in counts: name the unit, or the size of a count in µT (unit=, scale=)'
@@ -50,7 +50,7 @@ def advice(finding: Finding, spell: Spelling = python_arguments) -> str:
 
 
 def action(code: str) -> str:
-    """Action for a finding or an error that many units have; empty if the catalogue has none.
+    """Action for a finding or an error that many units of a fleet have; empty if the catalogue has none.
 
     >>> action("coverage"), action("unit")
     ('turn the sensor through the directions without readings too', 'give all files of a unit in one unit of field')

@@ -1,4 +1,4 @@
-"""Findings about sensors next to the magnetometer, and their agreement."""
+"""Findings about aiding sensors next to the magnetometer, and about their agreement with it."""
 
 from __future__ import annotations
 

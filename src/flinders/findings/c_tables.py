@@ -68,7 +68,7 @@ def header() -> str:
 
 
 def source() -> str:
-    """`rules.c`: the tables. A board has the rules of a fit only."""
+    """`rules.c`: the tables of the rules. A board has only the rules about a fit."""
     own, others = _Tables(), _Tables()
     own.add(ENGINE_FINDINGS)
     others.comparisons = [*own.comparisons]
@@ -101,7 +101,7 @@ def source() -> str:
 
 
 class _Tables:
-    """Rules as initialisers, with their comparisons: grades, needs, and the stated limit."""
+    """C initialisers of rules and of their comparisons: grades, needs and the stated limit."""
 
     def __init__(self) -> None:
         self.comparisons: list[str] = []
@@ -122,7 +122,7 @@ class _Tables:
 
 
 def _comparison(quantity: str, comparison: str, limit: Grade | Needs | Limit, severity: str = "nothing") -> str:
-    """A comparison as an initialiser; `g` stands for ``>=``."""
+    """C initialiser of a comparison; the character `g` stands for ``>=``."""
     factor, times = (
         f"(flinders_real){limit.factor:.17g}",
         _quantity(limit.times) if limit.times else "FLINDERS_QUANTITIES",
@@ -132,7 +132,7 @@ def _comparison(quantity: str, comparison: str, limit: Grade | Needs | Limit, se
 
 
 def _cause(cause: Cause) -> str:
-    """A cause as an initialiser, with its consequences among the engine's findings."""
+    """C initialiser of a cause, with those of its consequences that the engine finds."""
     followed = ", ".join(_rule_name(code) for code in cause.consequences) or "0"
     unless = _rule_name(cause.unless) if cause.unless else "FLINDERS_RULES"
     counts = f"FLINDERS_{cause.severity.upper()}, {unless}, {len(cause.consequences)}"
@@ -152,7 +152,7 @@ def _condition(code: str) -> str:
 
 
 def c_string(words: str) -> str:
-    """A string in ASCII, which every serial monitor can show."""
+    """A C string in ASCII, which every serial monitor can show."""
     plain = words.replace("−", "-").replace("°", " degrees").replace("`", "").replace('"', "'")
     return f'"{plain.encode("ascii", "replace").decode()}"'
 

@@ -30,7 +30,7 @@ FIT_FINDINGS: Final = tuple(row.code for row in (*fit.ROWS, *unmodelled.ROWS))
 """Findings about the fit itself."""
 
 RESIDUAL_FINDINGS: Final = ("alternating", "outliers")
-"""Findings of a recording that need a surface."""
+"""Findings about a recording that need a fitted surface."""
 
 ORIGIN_FINDINGS: Final = ("typed-extremes", "composed", "filtered", "no-uncertainty")
 """Findings about calibrations that were combined or imported, or about filtered readings."""
@@ -42,13 +42,13 @@ RECORDING_FINDINGS: Final = tuple(row.code for row in recording.ROWS if row.code
 """Findings about a recording, regardless of the quality of its fit."""
 
 ENGINE_FINDINGS: Final = (*FIT_FINDINGS, *RESIDUAL_FINDINGS, *CALIBRATION_FINDINGS, *RECORDING_FINDINGS)
-"""Findings for which the engine checks the fit of one magnetometer, in order."""
+"""Findings that the engine checks for the fit of one magnetometer, in the engine's order."""
 
 OTHER_FINDINGS: Final = (
     *ORIGIN_FINDINGS,
     *(row.code for subject in (disturbances, aiding, sensors) for row in subject.ROWS),
 )
-"""Findings whose quantities are computed separately: of each disturbance, aiding sensor, and other magnetometer."""
+"""Findings about a disturbance, an aiding sensor or another magnetometer. Their quantities are computed separately."""
 
 RULES: Final = (*ENGINE_FINDINGS, *OTHER_FINDINGS)
 """Codes of the findings, in the order of the engine's table."""
@@ -57,11 +57,11 @@ STATED_QUANTITIES: Final = (
     "samples", "covered", "per_degree_of_tilt", "drift", "farthest", "nonlinear_share", "linearized_share", "weakest",
     "strongest", "breadth", "strength_found", "site_strength",
 )  # fmt: skip
-"""Quantities of a judgement that no rule compares."""
+"""Quantities that a judgement states but no rule compares."""
 
 
 def _quantities_of(codes: Iterable[str]) -> tuple[str, ...]:
-    """Quantities in the rules of these findings, without duplicates, in order."""
+    """Quantities in the rules of given findings, without duplicates, in order."""
     return tuple(dict.fromkeys(name for code in codes for name in _of_rule(CATALOGUE[code].rule)))
 
 

@@ -37,7 +37,7 @@ class Explanation:
     """Meaning of the code of a finding, or of an error in place of a fit."""
 
     code: str
-    meaning: str  #: for the user of the compass; N stands for the number
+    meaning: str  #: meaning for the user of the compass; N stands for the number of the finding
     #: its effect on a fit: ``good``, ``limited`` or ``refused``, with conditions; empty for errors of files or options
     verdict: str
     number: str  #: meaning and unit of the number; empty for an error
@@ -86,7 +86,7 @@ def explain(code: str) -> Explanation:
 
 
 def _verdict(severities: str) -> str:
-    """Effect of severities on a fit: ``note; limits above the target`` becomes ``good; limited above the target``."""
+    """Verdict for a row's severities: ``note; limits above the target`` becomes ``good; limited above the target``."""
     for severity, verdict in VERDICTS.items():
         severities = severities.replace(severity, verdict)
     return severities
@@ -102,11 +102,11 @@ PLACEHOLDERS: Final = {
         "recordings that contradict each other"
     ),
 }
-"""Placeholders for numbers or words of a finding; all others become an ellipsis."""
+"""Examples or letters for values of a sentence; all other values become an ellipsis."""
 
 
 class _Named(dict[str, Any]):
-    """Placeholders for numbers, whatever their format."""
+    """Values for an explanation: each formats as its placeholder, whatever the format."""
 
     def __missing__(self, name: str) -> _Name:
         return _Name(PLACEHOLDERS.get(name, "…"))

@@ -33,24 +33,24 @@ class Finding(ShortRepr):
     code: str  #: stable name, one of `flinders.findings.CATALOGUE`
     #: ``note``: for information; ``limits``: the calibration is usable with limits; ``refuses``: it is not given
     severity: Severity
-    #: numbers by name, and short names such as that of an axis or a recording, for its sentence. Lists if there are
-    #: several; a missing number is NaN, or null in a file.
+    #: Values for its sentence by name: numbers, short names such as that of an axis, or lists of either. A missing
+    #: number is NaN, or null in a file.
     values: Mapping[str, Any]
-    follows_from: str | None = None  #: code of the finding that it follows from; None if there is none
+    follows_from: str | None = None  #: code of the finding that causes this one; None without a cause
 
     @property
     def number(self) -> float:
-        """The number that was found, with meaning and unit by code."""
+        """The number that the finding states; the catalogue has its meaning and unit by code."""
         return self._number_and_limit[0]
 
     @property
     def limit(self) -> float:
-        """The limit that the number was compared with."""
+        """The limit with which the number was compared."""
         return self._number_and_limit[1]
 
     @property
     def _number_and_limit(self) -> tuple[float, float]:
-        """Number and limit by the rule; NaN if the values lack them."""
+        """Number and limit by the rule; NaN for missing values."""
         row = CATALOGUE.get(self.code)
         if row is None or not row.rule.stated_names <= self.values.keys():
             return float(self.values.get("number", math.nan)), float(self.values.get("limit", math.nan))
@@ -87,7 +87,7 @@ class Finding(ShortRepr):
         return row.remedy_words(self.values) if row is not None and self._is_complete(row) else ""
 
     def _is_complete(self, row: CatalogueRow) -> bool:
-        """Whether all values of its sentences exist."""
+        """Whether all values that its sentences need exist."""
         return self.values.keys() >= set(row.names)
 
     def _sentence(self, *, is_short: bool = False) -> str:
@@ -100,7 +100,7 @@ class Finding(ShortRepr):
         return row.sentence(self.values, is_short=is_short)
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready fields with the sentence; a missing number is None."""
+        """JSON-ready fields, with the sentence; a missing number becomes None."""
         return {
             "code": self.code,
             "severity": self.severity,
@@ -142,7 +142,7 @@ class Finding(ShortRepr):
 
 
 def make_finding(code: str, record: Mapping[str, Any], severity: Severity, follows_from: str | None = None) -> Finding:
-    """A finding with the values of its sentence from a record, and a given severity.
+    """Make a finding of a given severity, with the values for its sentence taken from a record.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def _value(value: Any) -> Any:  # noqa: ANN401 - a number, a name, or a list of 
 
 
 def json_value(value: Any) -> Any:  # noqa: ANN401 - a number, a name, or a list of either
-    """A value for JSON: None for a missing number."""
+    """A value for JSON; a missing number becomes None."""
     if isinstance(value, str):
         return value
     if isinstance(value, Sequence):
@@ -171,6 +171,6 @@ def json_value(value: Any) -> Any:  # noqa: ANN401 - a number, a name, or a list
 
 
 def by_severity(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Sort findings by severity, most severe first, without changing the order within a severity."""
+    """Sort findings by severity, the most severe first; those of equal severity keep their order."""
     order = list(VERDICTS)
     return tuple(sorted(findings, key=lambda finding: order.index(finding.severity)))

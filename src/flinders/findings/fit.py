@@ -11,7 +11,7 @@ from typing import Final
 from flinders.findings.row import CatalogueRow, Grade, Limit, Needs, Rule
 
 _TARGET_IS_MET: Final = (Needs("worst_deg", "<", 1.0, "target_deg"), Needs("is_planar", "<", 1.0))
-"""Condition for findings that a claim may be too small: larger claims, and level turns, have limits of their own."""
+"""Needs of findings that only doubt a claim: the claim is below the target, and the turn was not level."""
 
 ROWS: Final = (
     CatalogueRow(

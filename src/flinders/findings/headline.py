@@ -34,20 +34,20 @@ LEADS: Final = {
     "refused-unknown": "Not fit for use. Headings may be off by any angle: {why}",
     "refused-error": "Not fit for use. Headings may be off by {error}, above the target of {target}: {why}",
 }
-"""First sentence of a verdict, by the effect of its first cause; `why` is the cause, and its remedy follows."""
+"""First sentence of a verdict, by the aspect that its first cause affects; `why` is that cause. The remedy follows."""
 
 REACHES: Final = (
     (1.0, "while level", "Not known when tilted"),
     (UPSIDE_DOWN, "up to {limit:.0f}° of tilt", "Above the target beyond"),
     (math.inf, "at any attitude", ""),
 )
-"""Ranges of tilt in degrees for which headings are good: upper end, words for the range, and words beyond it."""
+"""Ranges of tilt for which headings are good: upper end in degrees, words for the range, words for tilts beyond."""
 
 REACH_NAMES: Final = ("level", "tilt", "any")
-"""Names of `REACHES` in keys of other languages."""
+"""Names of the ranges in `REACHES`, as keys in files of other languages."""
 
 SMALL_ERROR_DEG: Final = 0.2
-"""Heading error in degrees below which a good verdict adds its caveat."""
+"""Heading error in degrees below which the headline of a good verdict ends with `CAVEAT`."""
 
 UNSTATED_REASON: Final = "the calibration states no uncertainty"
 """Reason for a calibration without findings, such as an imported one."""

@@ -1,4 +1,4 @@
-"""Words for the attitudes in advice, after "hold it"; the engine has their directions.
+"""Words for the attitudes in advice, which follow "hold it"; the engine has the directions of these attitudes.
 
 >>> POSE_WORDS["vehicle"][2], POSE_WORDS["sensor"][0]
 ('level', 'with its +x side down')
@@ -26,7 +26,7 @@ _SIDES: Final = ("+x", "+y", "+z", "−x", "−y", "−z")
 
 
 def _vehicle_words() -> Iterator[str]:
-    """The poses of a vehicle in words: nose straight down and up, then five pitches with eight rolls about the nose."""
+    """Yield words for attitudes of a vehicle: nose down, nose up, then five pitches with eight rolls each."""
     yield "with its nose straight down"
     yield "with its nose straight up"
     for pitch_deg, roll_deg in product(_PITCHES, _ROLLS):
@@ -34,7 +34,7 @@ def _vehicle_words() -> Iterator[str]:
 
 
 def _sensor_words() -> Iterator[str]:
-    """Sides, edges and corners of a box along the axes, and sides with a lowered neighbour."""
+    """Yield words for attitudes of a sensor: sides, edges and corners up, and sides with one neighbour lowered."""
     for side in _SIDES:
         yield f"with its {side} side down"
     for one, two in combinations(_SIDES, 2):
@@ -48,4 +48,4 @@ def _sensor_words() -> Iterator[str]:
 
 
 POSE_WORDS: Final[dict[Frame, tuple[str, ...]]] = {"vehicle": tuple(_vehicle_words()), "sensor": tuple(_sensor_words())}
-"""Words for the engine's attitudes in each frame, after "hold it"."""
+"""Words for the engine's attitudes, by frame; they follow "hold it"."""

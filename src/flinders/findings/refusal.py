@@ -1,7 +1,7 @@
 """Errors in place of a fit: words for the user of the compass, and remedies.
 
-The message of an error names the rows, columns and options of one recording, and its remedy. The page in plain words
-and the report of a fleet, which shows one example of each error, use this table.
+The message of an error names the rows, columns and options of one recording, and its remedy. This table has the general
+words instead: for the page in plain words, and for fleets, whose report shows one example of each error.
 
 >>> REFUSALS["unmoved"].remedy
 'Turn the sensor slowly through all directions while recording.'
@@ -15,9 +15,9 @@ from typing import Final, NamedTuple
 class Refusal(NamedTuple):
     """An error in place of a fit."""
 
-    action: str  # action if many units have it
+    action: str  # action if many units have this error
     plain: str = ""  # meaning without mathematics; empty for errors of files and options
-    remedy: str = ""  # remedy
+    remedy: str = ""  # remedy for the user of the compass; empty for errors of files and options
     meaning: str = ""  # meaning of an error of files, options or outputs, which has no plain words
 
 

@@ -39,7 +39,7 @@ error may exceed the claim; ``use``: something to check before the calibration i
 """
 
 Condition = Literal["same-soft-iron", "unchanged-body", "uniform-field", "constant-iron"]
-"""Assumption of a verdict that no finding covers."""
+"""Assumption on which a verdict rests and which no finding checks."""
 
 VERDICTS: Final[dict[Severity, Verdict]] = {"refuses": "refused", "limits": "limited", "note": "good"}
 """Verdict for each severity, the most severe first."""
@@ -66,23 +66,23 @@ VERIFICATIONS: Final[dict[Condition, str]] = {
 Comparison = Literal["<", ">", ">="]
 
 STATED_NUMBERS: Final = ("number", "limit", "angle", "seconds")
-"""Names in `CatalogueRow.plain` for the number and the limit of its rule."""
+"""Names for the number and the limit of the rule in `CatalogueRow.plain`."""
 
 WORDS: Final[Mapping[str, Callable[..., str]]] = {**FIT_WORDS, **SENSOR_WORDS}
-"""Words in sentences, as functions of values."""
+"""Words in sentences: each is a function of the finding's values."""
 
 _TARGET_FRACTIONS: Final = {1.0: "the target", 0.5: "half the target", 0.1: "a tenth of the target"}
 
 
 class Limit(NamedTuple):
-    """A factor, or with `times` a multiple of that quantity of the record."""
+    """A limit: `factor`, or `factor` times the quantity of the record named by `times`."""
 
     factor: float
     times: str = ""
 
 
 class Grade(NamedTuple):
-    """Severity beyond a limit: a factor, or with `times` a multiple of that quantity of the record."""
+    """Severity of a finding beyond a limit: `factor`, or `factor` times the quantity of the record named by `times`."""
 
     severity: Severity
     factor: float
@@ -90,7 +90,7 @@ class Grade(NamedTuple):
 
 
 class Needs(NamedTuple):
-    """A further comparison that must hold, with a factor or a multiple of the quantity `times`."""
+    """A further comparison that a rule needs: with `factor`, or with `factor` times the quantity named by `times`."""
 
     quantity: str
     comparison: Comparison
@@ -102,16 +102,16 @@ class Needs(NamedTuple):
 class Rule:
     """A comparison of a quantity with limits; the last grade that holds gives the severity."""
 
-    quantity: str  #: name of a number of the record; NaN exceeds no limit
+    quantity: str  #: name of a number of the record; NaN is beyond no limit
     grades: tuple[Grade, ...]  #: limits with their severities
     comparison: Comparison = ">"  #: comparison by which the quantity exceeds a limit
     needs: tuple[Needs, ...] = ()  #: further comparisons that must hold
-    number: str = ""  #: quantity that a finding states, if it is another one
-    limit: Limit | None = None  #: limit that a finding states, if it is not that of the first grade
+    number: str = ""  #: quantity that the finding states; empty if it is the compared one
+    limit: Limit | None = None  #: limit that the finding states; None if it is that of the first grade
 
     @property
     def stated_limit(self) -> Limit:
-        """The limit that a finding states."""
+        """The limit that the finding states."""
         return self.limit or Limit(*self.grades[0][1:])
 
     @property
@@ -123,7 +123,7 @@ class Rule:
 
     @property
     def stated_names(self) -> set[str]:
-        """Names of the quantities of number and limit."""
+        """Names of the quantities that make up the stated number and limit."""
         return {self.number or self.quantity, self.stated_limit.times} - {""}
 
     @property
@@ -132,7 +132,7 @@ class Rule:
         return self.compared_quantities | self.stated_names
 
     def stated(self, values: Mapping[str, Any]) -> tuple[float, float]:
-        """Number and limit of a finding with these values."""
+        """Number and limit that a finding with these values states."""
         factor, times = self.stated_limit
         return float(values[self.number or self.quantity]), float(factor * values[times] if times else factor)
 
@@ -151,10 +151,11 @@ class CatalogueRow:
     fault: str = ""  #: first part of the sentence: the fault, for a refusal in one line
     #: arguments that the advice needs, spelled by each interface; sentences contain none
     hint: Hint = field(default_factory=dict)
-    limit: str | None = None  #: meaning of the limit; None if it is the rule's number, or a share of the target
-    grades: str = ""  #: severities with their conditions; empty if the rule has just one
-    affects: Affects = "claim"  #: aspect that it affects if it limits
-    alarm: bool = False  #: whether the live page warns of it: a fault, not just too little turning
+    #: meaning of the limit, for the table; None if it is a plain number or a share of the target
+    limit: str | None = None
+    grades: str = ""  #: severities with their conditions, for the table; empty if the rule has one severity
+    affects: Affects = "claim"  #: aspect of the fit that the finding affects if it limits the fit
+    alarm: bool = False  #: whether the live page warns of it: true for faults, false for too little turning
     #: action in a report of many units, if `action` refers to the advice for one unit
     fleet_action: str = ""
 
@@ -199,7 +200,7 @@ class CatalogueRow:
 
 
 class Quantity(float):
-    """A number that is formatted to two digits by default; the format ``angle`` is in degrees.
+    """A number that is formatted to two digits by default, or in degrees with the format ``angle``.
 
     >>> f"{Quantity(12.3456)} {Quantity(0.25):.0%} {Quantity(2.04):angle} {Quantity(400.0):angle}"
     '12 25% 2.0° any angle'
@@ -212,7 +213,7 @@ class Quantity(float):
 
 
 class Record(dict[str, Any]):
-    """Quantities by name, and other values that are computed on first access.
+    """Quantities of a fit by name; some values are computed when they are first read.
 
     >>> record = Record({"noise": 0.12}, who=lambda: "somebody")
     >>> record["noise"], record["who"]
@@ -272,20 +273,20 @@ TUMBLE_CONDITIONS: Final = verifiable_conditions(TUMBLE_ASSUMPTIONS)
 """Assumptions for a recording of a magnetometer alone, with a way to verify the first one."""
 
 
-# ------------------------------------------------------------------------------------- findings that follow from others
+# ------------------------------------------------------------------------------------------- causes and consequences
 
 RESIDUAL_CODES: Final = (
     *("unsteady-field", "lasting-noise", "nonlinear-axis", "axis-lag", "structure", "correlated"),
     "tilt-error",  # a dip that varies
 )
-"""Findings about residuals, whatever their cause."""
+"""Findings about residuals, each of which can have several causes."""
 
 SURFACE_CODES: Final = ("prior", "unobservable-parameters", "axis-ratio", "field-strength")
-"""Findings about an ellipsoid."""
+"""Findings about a fitted ellipsoid."""
 
 
 class Cause(NamedTuple):
-    """A finding of at least a severity, and the findings that follow from it, unless another one is present."""
+    """A finding that causes others, from a given severity on and unless the finding `unless` is present."""
 
     code: str
     severity: Severity
@@ -326,4 +327,4 @@ CAUSES: Final = (
     Cause("few-samples", "limits", ("nonlinear-axis", "axis-lag", "structure", "correlated")),
     Cause("quantised", "note", ("stale-repeats",)),
 )
-"""Causes in their order of display."""
+"""Causes, in the order in which they are shown."""

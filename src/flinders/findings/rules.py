@@ -3,7 +3,7 @@
 >>> [finding.code for finding in findings_in({"axis_ratio": 3.0, "step": 0.0}, "axis-ratio", "quantised")]
 ['axis-ratio']
 
-Findings that follow from others are not shown: removing the cause removes them.
+A finding that follows from another one is not shown: once the cause is removed, it disappears.
 
 >>> given = [Finding(code, "limits", {}) for code in ("noise", "coverage", "axis-swap")]
 >>> [finding.code for finding in first_causes(link_causes(given))]
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from flinders.native.layouts import Records
 
 SEVERITIES: Final[tuple[Severity | None, ...]] = (None, *reversed(VERDICTS))
-"""Severities, by number in the engine."""
+"""Severities in the order of their numbers in the engine; the first is no finding."""
 
 _RULES: Final = {code: number for number, code in enumerate(RULES)}
 _FIT_NUMBERS: Final = {code: number for number, code in enumerate(ENGINE_FINDINGS)}
@@ -37,7 +37,7 @@ _QUANTITIES: Final = {name: number for number, name in enumerate(QUANTITIES)}
 
 
 def finding_in(record: Mapping[str, Any], code: str) -> Finding | None:
-    """A finding about a record; None if its rule does not hold.
+    """A finding about a record; None if its rule does not apply.
 
     Parameters
     ----------
@@ -53,19 +53,19 @@ def finding_in(record: Mapping[str, Any], code: str) -> Finding | None:
 
 
 def findings_in(record: Mapping[str, Any], *codes: str) -> Iterator[Finding]:
-    """The findings, among these codes, whose rules hold for a record."""
+    """Yield those findings among the given codes whose rules apply to a record."""
     return (finding for code in codes if (finding := finding_in(record, code)) is not None)
 
 
 def certain_finding(record: Mapping[str, Any], code: str) -> Finding:
-    """A finding about a record for which its rule is known to hold."""
+    """A finding about a record to which its rule is known to apply."""
     finding = finding_in(record, code)
     assert finding is not None
     return finding
 
 
 def link_causes(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Combine findings of several judgements of one fit, by severity, each with the code of its cause."""
+    """Combine findings of several judgements of one fit: sorted by severity, each with the code of its cause."""
     given = by_severity(findings)
     severities = np.zeros(len(ENGINE_FINDINGS), dtype=np.uint8)
     for finding in given:
@@ -76,7 +76,7 @@ def link_causes(findings: Iterable[Finding]) -> tuple[Finding, ...]:
 
 
 def causes_of(judgement: Records) -> dict[str, str]:
-    """Code of the cause of each finding of a judgement that follows from another one."""
+    """Code of the cause, by the code of the finding that follows from it, in a judgement."""
     causes = judgement["causes"].tolist()
     return {
         ENGINE_FINDINGS[rule]: ENGINE_FINDINGS[cause - 1]
@@ -86,9 +86,9 @@ def causes_of(judgement: Records) -> dict[str, str]:
 
 
 def first_causes(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Findings that follow from no other, by severity, causes first; a cause is as severe as its worst consequence.
+    """Findings that follow from no other, the most severe first; a cause counts as severe as its worst consequence.
 
-    `findings`: of one fit.
+    `findings` are those of one fit.
     """
     given = tuple(findings)
     worst = {finding.follows_from: finding.severity for finding in reversed(by_severity(given)) if finding.follows_from}
@@ -99,7 +99,7 @@ def first_causes(findings: Iterable[Finding]) -> tuple[Finding, ...]:
 
 
 def _place(finding: Finding, there: Container[str]) -> int:
-    """Rank of a finding among the causes; after all of them if it is not severe enough for a cause."""
+    """Rank of a finding among the causes; the last rank if it is not severe enough to be a cause."""
     for place, cause in enumerate(CAUSES):
         is_severe = SEVERITIES.index(finding.severity) >= SEVERITIES.index(cause.severity)
         if finding.code == cause.code and is_severe and cause.unless not in there:
@@ -108,12 +108,12 @@ def _place(finding: Finding, there: Container[str]) -> int:
 
 
 def _more_severe(one: Severity, other: Severity | None) -> Severity:
-    """The more severe of two."""
+    """The more severe of two severities."""
     return one if other is None else max(one, other, key=SEVERITIES.index)
 
 
 def limit_of(code: str, name: Severity | str = "limits") -> float:
-    """The factor of a limit in a rule: of a severity, or of another compared quantity.
+    """The factor of a limit in a rule: that of a severity, or that of a further quantity which the rule compares.
 
     >>> limit_of("coverage"), limit_of("heading-error", "refuses"), limit_of("field-changed", "drift_by_chance")
     (60.0, 5.0, 0.0001)

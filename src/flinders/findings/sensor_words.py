@@ -1,6 +1,6 @@
 """Words in sentences about other sensors: disturbances, aiding sensors, other magnetometers.
 
-As in `flinders.findings.words`, each is made from values of the finding only.
+As in `flinders.findings.words`, each word is made only from values of its finding.
 
 >>> noisy_share(0.021, 0.08), amount(1.7)
 ('2 to 8%', 'more than 100%')
@@ -27,17 +27,17 @@ if TYPE_CHECKING:
 
 
 def alike(collinear: Sequence[str]) -> str:
-    """Disturbances that rose and fell together."""
+    """Names of disturbances whose values rose and fell together."""
     return ", ".join(collinear)
 
 
 def noisy(noisy_names: Sequence[str]) -> str:
-    """Disturbances whose columns are noisy."""
+    """Names of disturbances whose log columns are noisy."""
     return ", ".join(noisy_names)
 
 
 def noisy_what(noisy_names: Sequence[str]) -> str:
-    """Effect of noise in a column."""
+    """Words for the effect of noise in a log column."""
     if len(noisy_names) == 1:
         return "its measurement is noisy, and its effect was found"
     return "their measurements are noisy, and their effects were found"
@@ -50,12 +50,12 @@ def noisy_share(least_attenuation: float, most_attenuation: float) -> str:
 
 
 def noisy_remedy(noisy_names: Sequence[str]) -> str:
-    """Better column to log."""
+    """Advice on a better log column for a noisy disturbance."""
     return f"a smoother {noisy_names[0]}" if len(noisy_names) == 1 else "them smoother"
 
 
 def range_unit(name: str) -> str:
-    """Unit of a disturbance, to append to its numbers."""
+    """Unit of a disturbance, as a suffix of its numbers."""
     return kind_of(name).unit
 
 
@@ -69,7 +69,7 @@ def disturbance(
     gain_per_unit: float,
     states: Sequence[str],
 ) -> str:
-    """An offset that follows a disturbance, with its numbers."""
+    """Words for an offset that follows a disturbance, with the offset's numbers."""
     numbers = (reference, lowest, highest, lag_s, gain_per_unit)
     return str(Disturbance(name, per_unit, *numbers, tuple(states)))  # type: ignore[arg-type]
 
@@ -77,7 +77,7 @@ def disturbance(
 def _disturbance_of_range(
     name: str, reference: float, lowest: float, highest: float, states: Sequence[str] = ()
 ) -> Disturbance:
-    """A disturbance with a range only."""
+    """A disturbance of which only the name and the range are known."""
     return Disturbance(name, (0.0, 0.0, 0.0), reference, lowest, highest, states=tuple(states))  # type: ignore[arg-type]
 
 
@@ -95,7 +95,7 @@ def explains(
     explained_share: float,
     explained_share_sigma: float,
 ) -> str:
-    """Share of the residuals that a log column explains, with its uncertainty; empty for other disturbances.
+    """Share of the residuals that a log column explains, with its uncertainty; empty for standard disturbances.
 
     >>> explains("wheel_rpm", "µT", 2.14, 0.012, 0.934, 0.0052)
     '; the column explains 93.40 ± 0.52% of the scatter, or 2.140 ± 0.012 µT rms'
@@ -117,12 +117,12 @@ def uncertain(value: float, sigma: float) -> str:
 
 
 def highest_amount(name: str, highest: float) -> str:
-    """Largest recorded amount."""
+    """Largest recorded value of a disturbance, with its unit."""
     return f"{highest:.3g}{kind_of(name).unit}"
 
 
 def reference_amount(name: str, reference: float) -> str:
-    """Amount for which the offset of the calibration holds."""
+    """Value of a disturbance for which the offset of the calibration holds, with its unit."""
     return f"{reference:.3g}{kind_of(name).unit}"
 
 
@@ -132,20 +132,20 @@ def running(runs_along: float) -> str:
 
 
 def without(noise_uncompensated: float, noise: float) -> str:
-    """Residual that readings would have without modelled disturbances."""
+    """Residual that readings would have if no disturbance were modelled, in words."""
     if math.isnan(noise_uncompensated):
         return ""
     return f"; without this correction, residuals are {figures(noise_uncompensated)} instead of {figures(noise)}"
 
 
 def other_column(name: str) -> str:
-    """Better column than a throttle."""
+    """Advice on a better log column than a throttle."""
     is_throttle = kind_and_motor(name)[0] == "throttle"
     return "record the current instead, to which the field is proportional, or " if is_throttle else ""
 
 
 def out_of_range(name: str, lowest: float, highest: float) -> str:
-    """Fault of a disturbance's values."""
+    """Words for the fault of a disturbance whose values are out of range."""
     kind, far = kind_of(name), max(lowest, highest, key=abs)
     if not kind.plausible[0] <= far <= kind.plausible[1]:
         return (
@@ -160,7 +160,7 @@ def out_of_range(name: str, lowest: float, highest: float) -> str:
 
 
 def beyond_words(name: str, lowest: float, highest: float, beyond: float) -> str:
-    """Remark that a disturbance exceeded its range in the calibration."""
+    """Remark that a disturbance exceeded the range that it had in the calibration."""
     return beyond_range(_disturbance_of_range(name, 0.0, lowest, highest), beyond)
 
 
@@ -168,19 +168,19 @@ def beyond_words(name: str, lowest: float, highest: float, beyond: float) -> str
 
 
 def as_what(rate_unit: str, axes: str) -> str:
-    """Better interpretation of a gyro: another unit with other axes, or else the opposite sign."""
+    """Words for a better interpretation of a gyro: another unit, other axes, or the opposite sign."""
     if not rate_unit:
         return "with the other sign"
     return f"as {rate_unit}{f' with axes {axes}' if axes else ''}"
 
 
 def amount(scale_error: float) -> str:
-    """An error of a scale; a failed fit's error only as "more than 100%"."""
+    """Error of a scale, in words; that of a failed fit only as "more than 100%"."""
     return f"{scale_error:.0%}" if scale_error <= 1.0 else "more than 100%"
 
 
 def why_disagree(aid: str) -> str:
-    """Reason why an aid contradicts a gyro."""
+    """Reason why an aiding sensor contradicts a gyro."""
     if aid == "dip":
         return "the vertical leans, as an accelerometer does in steady turns"
     return "the attitude lags, or is that of another body"
@@ -194,19 +194,22 @@ def why_astray(aid: str) -> str:
 
 
 def what_is_empty(aid: str) -> str:
-    """Quantity that an aid needs in the readings."""
+    """Quantity that an aiding sensor needs and that the readings lack."""
     if aid == "rate":
         return "a rate and an ascending time"
     return "an acceleration" if aid == "dip" else "an attitude"
 
 
 def instrument(aid: str) -> str:
-    """The instrument of an aid."""
+    """Name of the instrument behind an aiding sensor."""
     return "gyro" if aid == "rate" else "accelerometer"
 
 
 def how_it_sits(aid: str, axes: str, seat: str) -> str:
-    """Orientation of an instrument relative to the magnetometer, by the name of its `seat`; others mean ``clear``."""
+    """Words for the orientation of an instrument relative to the magnetometer.
+
+    `seat` names the kind of result; an unknown name is treated as ``clear``.
+    """
     what, other = instrument(aid), instrument("dip" if aid == "rate" else "rate")
     if seat == "mirrored":
         return (
@@ -248,7 +251,7 @@ SITE_FAULTS: Final = {
 
 
 def site_check(site_fault: str) -> str:
-    """Checks if the dip differs from that of the site."""
+    """Checks to make if the dip differs from that of the site."""
     return SITE_FAULTS[site_fault]
 
 
@@ -261,17 +264,17 @@ def when(deviation_spans: Sequence[Row], deviation_count: float) -> str:
 
 
 def why_deviates(is_by_length: float) -> str:
-    """Evidence that a sensor deviates."""
+    """Evidence that a sensor deviates from the others."""
     return "the length of its readings changes" if is_by_length else "the others agree"
 
 
 def does_not_rest(is_alone: float) -> str:
-    """Remark that a calibration does not include deviating stretches."""
+    """Remark that the calibration does not use the stretches in which a sensor deviates."""
     return "" if is_alone else ". These readings are not used in the calibration"
 
 
 def disagreement(apart_deg: float, apart_share: float, deviation_spans: Sequence[Row], deviation_count: float) -> str:
-    """Difference between two sensors, for a share of the time; all the time if the share is NaN."""
+    """Words for the difference between two sensors, and the share of the time; all the time if the share is NaN."""
     if math.isnan(apart_share):
         return f"averaged over a second, the two still differ by {figures(apart_deg)}° of heading all the time (1 σ)"
     return (
@@ -281,26 +284,26 @@ def disagreement(apart_deg: float, apart_share: float, deviation_spans: Sequence
 
 
 def each_alone(apart_share: float) -> str:
-    """Consequence if two sensors disagree all the time."""
+    """Consequence for the calibration if two sensors disagree all the time."""
     if not math.isnan(apart_share):
         return ""
     return ". Each sensor is fitted by itself: check whether one is loose or its clock is wrong, or add a third sensor"
 
 
 def who_is_mirrored(left_handed: Sequence[str]) -> str:
-    """Sensors that are most likely not right-handed; none if it may be either of two."""
+    """Names of the sensors that are most likely left-handed; empty if it may be either of two."""
     if not left_handed:
         return "One of the two is not right-handed: check which, and map its axes"
     return f"Most likely {' and '.join(left_handed)} is not right-handed, as the others agree: map its axes"
 
 
 def in_the_vehicle(is_in_body: float) -> str:
-    """Remark if the mounting in the vehicle is unknown."""
+    """Remark for the case that the mounting in the vehicle is unknown."""
     return "" if is_in_body else "; their mounting in the vehicle is not known"
 
 
 def behind(delay_s: float) -> str:
-    """Sign of a clock's delay, in words."""
+    """Words for the sign of a clock's delay."""
     return "behind" if delay_s > 0 else "ahead of"
 
 

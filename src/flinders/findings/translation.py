@@ -60,13 +60,13 @@ def remedy(finding: Finding, language: Language) -> str:
 
 
 def advice(finding: Finding, language: Language) -> str:
-    """Meaning and remedy; empty if the language lacks them."""
+    """Meaning and remedy of a finding; empty if the language lacks them."""
     words = _filled(finding, "plain", language)
     return " ".join(filter(None, (as_sentence(words), remedy(finding, language)))) if words else ""
 
 
 def angle(degrees: float, language: Language) -> str:
-    """An error in degrees; one beyond a right angle counts as any angle."""
+    """An error in degrees; more than 90° counts as any angle."""
     if degrees < ANY_ANGLE_DEG:
         return f"{language.numeral(figures(degrees))}°"
     return language.phrase("error.any-angle", "any angle")
@@ -83,7 +83,7 @@ def assumptions(conditions: Sequence[Condition], language: Language) -> str:
 
 
 def _filled(finding: Finding, part: str, language: Language) -> str:
-    """A translated format of a finding with its values; empty if there is none, or a value is missing."""
+    """Translated sentence of a finding, filled with its values; empty if there is none or a value is missing."""
     template = language.translation(f"findings.{finding.code}.{part}")
     if not template:
         return ""
@@ -95,12 +95,12 @@ def _filled(finding: Finding, part: str, language: Language) -> str:
 
 
 def _value(name: str, finding: Finding, language: Language) -> Any:  # noqa: ANN401 - a number or a word
-    """A number or word of a sentence.
+    """Value of a placeholder in a sentence: a number or a word.
 
     Raises
     ------
     LookupError
-        For one that the finding lacks.
+        If the finding lacks it.
     """
     if name in WORDS:
         return WORDS[name](finding.values, language)
@@ -114,7 +114,7 @@ def _value(name: str, finding: Finding, language: Language) -> Any:  # noqa: ANN
 
 
 def _step(step: Sequence[Any], language: Language) -> str:
-    """Words for a step: a key of `STEPS`, and the number of a pose if it takes one."""
+    """Words for a step: a key of `STEPS`, followed by the number of a pose for ``hold``."""
     name, *poses = step
     pose = "".join(_pose(POSE_WORDS["sensor"][round(pose)], language) for pose in poses)
     return language.phrase(f"step.{name}", STEPS[name].replace("{}", "{pose}"), pose=pose)
@@ -135,7 +135,7 @@ def _why_large(values: Mapping[str, Any], language: Language) -> str:
 
 
 def _length(values: Mapping[str, Any], language: Language) -> str:
-    """Field strength of corrected readings."""
+    """Field strength of corrected readings, in words."""
     return f"{language.numeral(figures(values['corrected_length'], 4))} {values['unit']}"
 
 

@@ -1,8 +1,8 @@
 """Words in sentences about findings, each made from values of the finding only.
 
-A sentence of the catalogue names values and words. A word is a function here, or in `flinders.findings.sensor_words`,
-and its parameters are names of values. A finding that was read from a file therefore has the same sentence as when it
-was found.
+A sentence of the catalogue names values and words. A word is a function here or in `flinders.findings.sensor_words`;
+its parameters are names of the finding's values. A finding that was read from a file therefore has the same sentence as
+on the day of the fit.
 
 >>> attitudes(attitude_limit_deg=34.6, target_deg=1.0, worst_deg=0.4, tilted=((90.0, 2.04), (180.0, 120.0)))
 'within 1° up to 35° of tilt; 2.0° at 90°, any angle upside down'
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     Row = Sequence[Any]
 
 ANY_ANGLE_DEG: Final = 90.0
-"""Error of a direction, in degrees, above which it counts as any angle."""
+"""Error of a direction in degrees, above which it is called any angle."""
 
 UPSIDE_DOWN: Final = 180.0
 
@@ -63,11 +63,11 @@ STEPS: Final = {
     "merge-others": "merge calibrations that were made in the state of use, of sensors turned through all directions",
     "add-poses": "add poses at other headings, or turn the vehicle",
 }
-"""Next steps, by name; ``hold`` takes the number of a pose."""
+"""Words for next steps, by name; ``hold`` takes the words of a pose."""
 
 
 def angle(degrees: float) -> str:
-    """Format an error in degrees; one beyond a right angle counts as any angle.
+    """Write an error in degrees; more than `ANY_ANGLE_DEG` is written as any angle.
 
     >>> angle(2.04), angle(120.0)
     ('2.0°', 'any angle')
@@ -120,23 +120,26 @@ WHY_LARGE: Final = {
 
 
 def why_large(next_step: Row) -> str:
-    """Reason for a large heading error; `next_step` starts with a key of `WHY_LARGE`."""
+    """Reason for a large heading error. `next_step` starts with a key of `WHY_LARGE`."""
     return WHY_LARGE[next_step[0]]
 
 
 def movement(next_movement: Row) -> str:
-    """Next movement of the sensor; `next_movement` is a key of `STEPS`, and the number of a pose if it takes one."""
+    """Next movement of the sensor.
+
+    `next_movement` is a key of `STEPS`, followed by the number of a pose for ``hold``.
+    """
     name, *poses = next_movement
     return STEPS[name].format(*(POSE_WORDS["sensor"][round(pose)] for pose in poses))
 
 
 def remedy(next_step: Row) -> str:
-    """Step that reduces the heading error; `next_step` as in `movement`."""
+    """Step that reduces the heading error; `next_step` has the form of `next_movement` in `movement`."""
     return movement(next_step)
 
 
 def because(worst_deg: float, differ_deg: float, structure_deg: float, textbook_deg: float, is_covered: float) -> str:
-    """Main part of a heading error, if known.
+    """Main part of a heading error in words; empty if it is not known.
 
     >>> because(1.5, math.nan, 1.4, 0.04, is_covered=True), because(1.5, math.nan, 0.0, 0.04, is_covered=True)
     (', 1.4° of it because residuals depend on the direction', ', 0.040° if residuals were independent')
@@ -150,59 +153,59 @@ def because(worst_deg: float, differ_deg: float, structure_deg: float, textbook_
 
 
 def is_of_correlation(worst_deg: float, textbook_deg: float, is_covered: float) -> bool:
-    """Whether a heading error is large due to correlated residuals, and not due to missing directions."""
+    """Whether a heading error is large because residuals are correlated, with all directions covered."""
     return bool(is_covered) and 2.0 * textbook_deg < worst_deg
 
 
 def where_flat(breadth: float, flatness_limit: float) -> str:
-    """Direction that readings in one plane, or on one line, leave undetermined."""
+    """Words for the direction that readings in one plane, or on one line, leave undetermined."""
     if breadth > flatness_limit:
         return "in one plane, as in a level turn, and tell nothing of the direction across it"
     return "on one line, as of two attitudes, and tell nothing of the directions across it"
 
 
 def plane_axes(plane: str) -> str:
-    """The axes of a plane."""
+    """Words for the two axes of a plane."""
     return " and ".join(plane)
 
 
 def where_placed(plane: Plane, is_placed: float) -> str:
-    """Whether the offset across the plane of a turn is known."""
+    """Words for whether the offset across the plane of a turn is known."""
     return f"and, with the field of the site, {turn_axis(plane)}" if is_placed else "only"
 
 
 def assumed(plane: Plane, is_placed: float, z_down: float) -> str:
-    """Assumption for the offset across the plane."""
+    """Words for the assumed offset across the plane of a turn."""
     side = "" if z_down == 0.0 or math.isnan(z_down) else f"{turn_axis(plane)} down, and "
     return f" (with {side}the floor level unless an accelerometer was recorded)" if is_placed else ""
 
 
 def where_z_points(z_down: float) -> str:
-    """Direction of z, unless it is down."""
+    """Words for the direction of the z axis; empty if z points down."""
     return Z_UNKNOWN if math.isnan(z_down) else "" if z_down else Z_NOT_DOWN
 
 
 def mounting(is_skewed: float, is_placed: float) -> str:
-    """Advice on the mounting if the shape across the plane is unknown."""
+    """Advice on the mounting, for a calibration whose shape across the plane is unknown."""
     return "say how well the mounting is known, or " if is_skewed and is_placed else ""
 
 
 def leave(is_better: float, is_covered: float) -> str:
-    """Advice on readings that were corrected before: whether the calibration improves them."""
+    """Advice on readings that were calibrated before: whether a new calibration improves them."""
     if is_better:
         return "the calibration is worth having"
     return "leave them as they are" if is_covered else "leave them as they are, or turn the sensor further"
 
 
 def why_biased(plane: str) -> str:
-    """Reason why a method deviates from the likelihood."""
+    """Reason why the result of a method deviates from the maximum likelihood."""
     if plane:
         return "the points are not equally spaced in heading, or some are outliers; use 'ellipse'"
     return "its model is too simple for this sensor, or its equation is biased by noise; use 'auto'"
 
 
 def rings(unobserved: float) -> str:
-    """Pattern of readings that leaves one parameter undetermined."""
+    """Words for the pattern of readings that leaves one parameter undetermined."""
     return ", as for two rings of readings" if unobserved == 1.0 else ""
 
 
@@ -214,7 +217,7 @@ def independent_readings(independent: float, samples: float) -> str:
 
 
 def correlation(autocorrelation: float, textbook_deg: float) -> str:
-    """Correlation of residuals, and the claim without regard to it."""
+    """Words for the correlation of residuals, and for the claim that ignores it."""
     next_one = f"each with the next by {autocorrelation:.2f}" if abs(autocorrelation) >= 0.005 else ""
     claim = "" if math.isnan(textbook_deg) else f"the claim would be {figures(textbook_deg)}° if they were not"
     words = "; ".join(part for part in (next_one, claim) if part)
@@ -224,7 +227,7 @@ def correlation(autocorrelation: float, textbook_deg: float) -> str:
 def contradiction(
     sources: Sequence[str], apart_deg: float, offset_apart: float, unit: str, apart_beyond_claim_deg: float
 ) -> str:
-    """The deviating recording and its deviation; of two recordings both are named."""
+    """Words for the deviating recording and its deviation; of two recordings both are named."""
     pair = len(sources) == 2
     who = f"{sources[0]} and {sources[1]} are" if pair else f"{sources[0]} is"
     others = "apart" if pair else "off the other recordings"
@@ -235,21 +238,21 @@ def contradiction(
 
 
 def after_contradiction(apart_beyond_claim_deg: float) -> str:
-    """Consequence of a deviating recording."""
+    """Words for the consequence of a deviating recording."""
     if apart_beyond_claim_deg:
         return "something magnetic changed in between; use recordings made in the state of use"
     return "the heading error allows for it"
 
 
 def halves(halves_ratio: float, drift_deg: float, drift_allowed_deg: float, target_deg: float) -> str:
-    """Difference between the halves of a recording, if it limits the fit."""
+    """Difference between the halves of a recording; empty if it does not limit the fit."""
     if math.isnan(halves_ratio) or not drift_allowed_deg < min(drift_deg, target_deg):
         return ""
     return f" (its halves differ by {halves_ratio:.1f} times what they claim)"
 
 
 def swap(swapped_axes: str, swap_row: float, swap_count: float) -> str:
-    """Axes that changed sign or place, with the reading and the count."""
+    """Words for axes that changed sign or place, with the number of the reading and the count of changes."""
     first, second = swapped_axes[0], swapped_axes[-1]
     what = f"the sign of {first} changed" if len(swapped_axes) == 1 else f"{first} and {second} changed places"
     again = f", and again {count_text(swap_count - 1.0, 'time')}" if swap_count > 1.0 else ""
@@ -257,13 +260,16 @@ def swap(swapped_axes: str, swap_row: float, swap_count: float) -> str:
 
 
 def axis_lag(late_axis: str, late_by: float, is_timed: float) -> str:
-    """The axis that is read at another moment than the others; `late_by` in s, or in readings without times."""
+    """Words for an axis that is sampled later than the others.
+
+    `late_by` is in seconds, or in readings if the recording has no times.
+    """
     amount = f"{abs(late_by) * 1000.0:.0f} ms" if is_timed else f"{abs(late_by):.2f} readings"
     return f"axis {late_axis} is read {amount} {'later' if late_by > 0.0 else 'earlier'} than the others"
 
 
 def outlier_run(first: float, last: float, readings: float, start_s: float, end_s: float, independent: float) -> str:
-    """A run of readings that were left out: its times, or its rows without times, and its size."""
+    """A run of rejected readings: its times (without times, its rows) and its size."""
     rows = f"{readings:,.0f} readings" if readings > 1 else "a reading"
     rows += " at rest" if readings > 1 == independent else ""
     if not start_s <= end_s:  # no time, or a clock that stepped back
@@ -277,29 +283,32 @@ def outliers(outlier_count: float) -> str:
 
 
 def runs(outlier_runs: Sequence[Row], outlier_run_count: float) -> str:
-    """The longest runs of outliers."""
+    """Words for the longest runs of outliers."""
     return "; ".join(outlier_run(*run) for run in outlier_runs) + _more(outlier_runs, outlier_run_count)
 
 
 def again(outlier_share: float) -> str:
-    """Advice on outliers that limit the fit."""
+    """Advice for a fit that outliers limit."""
     return "; see what it was, and record again without" if outlier_share > MAX_OUTLIER_SHARE else ""
 
 
 def rails(rail_ends: Sequence[Row]) -> str:
-    """Ends of axes with their shares of the readings."""
+    """Words for the saturated ends of axes, with their shares of the readings."""
     return ", ".join(
         f"{share:.1%} sit at the {end} value of {axis} ({value:g})" for axis, end, value, share in rail_ends
     )
 
 
 def spans(rows: Sequence[Row], count: float) -> str:
-    """Some stretches out of `count`, each with first and last reading, and first and last time."""
+    """Words for stretches of a recording, with an ellipsis if `count` is larger.
+
+    Each row has the first and last reading, and the first and last time.
+    """
     return "; ".join(span(*row) for row in rows) + _more(rows, count)
 
 
 def span(first: float, last: float, start_s: float, end_s: float) -> str:
-    """A stretch of time, or of readings without times."""
+    """Words for a stretch: its times, or its readings if the recording has no times."""
     return str(RestSpan(round(first), round(last), start_s, end_s))
 
 
@@ -309,22 +318,22 @@ def _more(some: Sequence[Row], count: float) -> str:
 
 
 def rests(rest_spans: Sequence[Row], rest_count: float) -> str:
-    """Times or rows of the longest rests of the sensor."""
+    """Words for the longest rests of the sensor: their times, or their rows."""
     return spans(rest_spans, rest_count)
 
 
 def rests_treated(are_rests_left_out: float) -> str:
-    """Treatment of rests in a fit."""
+    """Words for the treatment of rests in the fit."""
     return "are left out" if are_rests_left_out else "count as one reading each"
 
 
 def often(backward_steps: float) -> str:
-    """Number of occurrences."""
+    """Words for the number of times that the clock stepped back."""
     return "once" if backward_steps == 1.0 else f"{backward_steps:,.0f} times"
 
 
 def skipped_rows(skipped_kinds: Sequence[Row]) -> str:
-    """Rows that were left out, by kind: reason, count, first line numbers, and text of the first line."""
+    """Words for rejected rows by kind: reason, count, first line numbers, and text of the first line."""
     return "; ".join(
         str(Skipped(reason, round(rows), tuple(map(round, lines)), example))
         for reason, rows, lines, example in skipped_kinds
@@ -332,27 +341,27 @@ def skipped_rows(skipped_kinds: Sequence[Row]) -> str:
 
 
 def silent_rows(silent_kinds: Sequence[Row]) -> str:
-    """Rows without an answer of the sensor; as `skipped_rows`."""
+    """Words for rows in which the sensor gave no reading, in the form of `skipped_rows`."""
     return skipped_rows(silent_kinds)
 
 
 def check(skipped: float, rows: float) -> str:
-    """Checks if many rows could not be read."""
+    """Advice on what to check; empty if few rows were unreadable."""
     return ". Check the sensor, its cable, and what was saved" if skipped > MAX_SKIPPED_SHARE * rows else ""
 
 
 def supply(silent: float, rows: float) -> str:
-    """Checks if the sensor often did not answer."""
+    """Advice on what to check; empty if the sensor seldom gave no reading."""
     return ". Check its supply and its bus, and how it is read" if silent > MAX_SKIPPED_SHARE * rows else ""
 
 
 def length(corrected_length: float, unit: str) -> str:
-    """Field strength of corrected readings."""
+    """Field strength of corrected readings, in words."""
     return f"{figures(corrected_length, 4)} {unit}"
 
 
 def turned_short(shortfall: float, unturned_deg: float, unit: str) -> str:
-    """Error if a turn had not reached the ends of the shorter axes; empty if axes are equal."""
+    """Error if the turn had not reached the ends of the shorter axes, in words; empty if the axes are equal."""
     if not shortfall:
         return ""
     return (
@@ -362,12 +371,12 @@ def turned_short(shortfall: float, unturned_deg: float, unit: str) -> str:
 
 
 def turns(planes: Sequence[str]) -> str:
-    """Planes of turns; an empty plane is no turn."""
+    """Words for the planes of turns; an empty plane stands for no turn."""
     return ", then ".join(plane or "all attitudes" for plane in planes)
 
 
 def composition(planes: Sequence[str], rotation_left_deg: float) -> str:
-    """Part that turns in one plane after another leave undetermined."""
+    """Words for the rotation that turns in one plane after another leave undetermined."""
     missing = [] if "" in planes else [plane for plane in ("xy", "yz", "zx") if plane not in planes]
     open_still = f"; not turned yet in {' and '.join(missing)}" if missing else ""
     if not {"xy", ""} & set(planes):
@@ -386,14 +395,17 @@ def composition(planes: Sequence[str], rotation_left_deg: float) -> str:
 
 
 def dropped_words(dropped: float) -> str:
-    """Number of readings that a filter dropped."""
+    """Words for the number of readings that a filter dropped."""
     return f", {count_text(dropped, 'reading')} dropped" if dropped else ""
 
 
 def filter_effect(
     moved_deg: float, claimed_deg: float, smaller_share: float, unfiltered: str, is_to_blame: float
 ) -> str:
-    """Effect of a filter on a calibration; `unfiltered`: the verdict without it, empty without a calibration."""
+    """Effect of a filter on a calibration, in words.
+
+    `unfiltered` is the verdict without the filter; it is empty if the unfiltered fit gave no calibration.
+    """
     if not unfiltered:
         return (
             "; without the filter there is no calibration to compare with, so the effect of the filter is not known: "

@@ -1,1 +1,1 @@
-"""Sensors and boards on a wire: byte sources, feeds of readings, and sending a calibration to a board."""
+"""Sensors and boards on a wire: sources of bytes, feeds of readings, recordings, and calibrations sent to a board."""

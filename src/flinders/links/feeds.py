@@ -1,4 +1,4 @@
-"""Feeds: readings of a running sensor with events of its source; a recording can be played back as a feed.
+"""Feeds: readings of a running sensor, and events of its source. A recording can be played back as a feed.
 
 >>> from flinders import simulate
 >>> feed = Replay(simulate.tumble(seed=1).samples, speed=None)     # as fast as it is asked
@@ -9,9 +9,9 @@
 >>> print(FeedEvent("gone", 12.5, "/dev/ttyACM0 is gone: check the cable"))
 12.5 s: /dev/ttyACM0 is gone: check the cable
 
-A feed uses no thread and no event loop: one thread calls `next`, and each call takes at most its timeout. `Replay`, the
-recorder of lines, a vehicle and a simulated sensor are feeds. `FeedThread` calls `next` on its own thread and queues
-the results, independently of the server.
+A feed uses no thread and no event loop: one thread calls `next`, and each call takes no longer than its timeout.
+`Replay`, the recorder of lines, a vehicle and a simulated sensor are feeds. `FeedThread` calls `next` on a thread of
+its own and queues the results, so that the server is not delayed.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Recording
 
-CHUNK_READINGS: Final = 500  # Largest count of readings that are returned together
-ASSUMED_HZ: Final = 50.0  # Readings per second of a recording without times
-MAX_GAP_S: Final = 2.0  # Longest pause in a playback; longer ones are shortened
+CHUNK_READINGS: Final = 500  # Largest number of readings that are returned together
+ASSUMED_HZ: Final = 50.0  # Readings per second that are assumed for a recording without times
+MAX_GAP_S: Final = 2.0  # Longest pause in a playback; a longer one is shortened
 MIN_WAIT_S: Final = 1e-4  # Shortest wait
 
 Kind: TypeAlias = Literal[
@@ -48,11 +48,11 @@ Kind: TypeAlias = Literal[
 ]  # fmt: skip
 """Kinds of events of a source.
 
-``connected``: the source is open. ``settled``: the format of its lines is recognised. ``several``: lines are of several
-devices. ``unclear``: the columns of the field are unknown. ``silent``: no bytes yet. ``nothing``: no usable line yet.
-``garbage``: lines unlike the first ones. ``no-answer``: the sensor did not answer its board. ``lost``: this machine was
-too busy to receive all. ``gone``: the source is disconnected. ``back``: it is connected again. ``ended``: no more
-readings follow.
+``connected``: the source is open. ``settled``: the format of its lines is recognised. ``several``: lines come from
+several devices. ``unclear``: the columns of the field are not known. ``silent``: no bytes have arrived. ``nothing``: no
+usable line has arrived. ``garbage``: lines are unlike the first ones. ``no-answer``: the sensor did not answer its
+board. ``lost``: this machine was too busy to receive everything. ``gone``: the source was disconnected. ``back``: it is
+connected again. ``ended``: no more readings follow.
 """
 
 
@@ -60,7 +60,7 @@ readings follow.
 class FeedEvent:
     """An event of a source of readings."""
 
-    kind: Kind  #: as `Kind`
+    kind: Kind  #: kind of the event
     at: float  #: s: time since the start
     words: str  #: sentence for users
 
@@ -69,38 +69,38 @@ class FeedEvent:
 
 
 Received: TypeAlias = Samples | FeedEvent | None
-"""Readings in order, with times and in the axes of the sensor; or one event; or None without either."""
+"""Readings in the order of time, in the axes of the sensor; or one event; or None if there is neither."""
 
 
 class Feed(Protocol):
-    """A source of readings; `name` is for messages: ``/dev/ttyACM0``, ``tumble.csv``."""
+    """A source of readings; `name` is its name in messages: ``/dev/ttyACM0``, ``tumble.csv``."""
 
     @property
     def name(self) -> str:
-        """Name for messages."""
+        """Name of the source in messages."""
 
     def next(self, timeout: float) -> Received:
-        """Return readings or an event, waiting at most `timeout` seconds.
+        """Return readings or an event; wait no longer than `timeout` s.
 
-        After an event ``ended`` the result is always None.
+        After an event ``ended``, the result is always None.
 
         Raises
         ------
         FlindersError
-            For a permanent error; a temporary loss of the source is an event.
+            For a permanent error. A temporary loss of the source is an event.
         """
 
     def close(self) -> None:
-        """Close the source; may be called twice."""
+        """Close the source; a second call does nothing."""
 
 
 class Replay:
-    """Feed that plays a recording back, at its own speed or faster.
+    """Feed that plays a recording back, at the speed of the recording or faster.
 
     Parameters
     ----------
     recording : Recording
-        Anything that `flinders.open_recording` opens, or samples.
+        A recording in any form that `flinders.open_recording` reads, or samples.
     speed : float, optional
         Factor on the recorded speed; None for as fast as `next` is called. Pauses of more than 2 s are shortened to 2
         s. A recording without times is assumed to have 50 readings per second.
@@ -166,7 +166,7 @@ class Replay:
         return "" if self._is_timed else f", with {ASSUMED_HZ:g} readings per second assumed, as the file has no times"
 
     def _load(self) -> None:
-        """Load the next block, and compute when each of its readings is due."""
+        """Load the next block, and compute the time at which each of its readings is due."""
         block = next(self._blocks, None)
         if block is None or not len(block):
             self._is_over = block is None
@@ -182,7 +182,7 @@ class Replay:
         self._block = replace(block, time=times)
 
     def _due_count(self, timeout: float) -> int:
-        """Count of the readings that are due, after waiting for the first of them."""
+        """Number of readings that are due, after a wait for the first of them."""
         if not len(self._due):
             return 0
         wait = float(self._due[0]) - (self._clock() - self._start)
@@ -223,20 +223,20 @@ Result = TypeVar("Result")
 
 CALL_S: Final = 0.05  # Timeout of one call of `next`
 PAUSE_S: Final = 0.045
-"""Pause between calls after few readings, so that readings meanwhile are read together.
+"""Pause in s between calls that return few readings, so that readings in the pause are taken together.
 
-It is slightly shorter than 50 ms, for 20 updates of a page per second.
+It is a little shorter than 50 ms, for 20 updates of a page per second.
 """
 MAX_PAUSED_READINGS: Final = 40
-"""Largest count of readings of one call before a pause; after more the feed is called at once, before buffers fill."""
+"""Largest number of readings in a call before a pause. After more, the next call follows at once: buffers may fill."""
 MAX_QUEUED_READINGS: Final = 250_000
-"""Largest count of queued readings, at which a fast playback waits for the server."""
+"""Largest number of readings in the queue; a fast playback then waits for the server."""
 QUEUE_WAIT_S: Final = 0.01
-STOPPING_S: Final = 10.0  # Longest wait for a feed to close, longer than any wait for a host
+STOPPING_S: Final = 10.0  # Longest wait for a feed to close; longer than any wait for a host
 
 
 class FeedThread(threading.Thread):
-    """Thread that reads a feed until it ends or is stopped, and runs jobs between calls of `next`.
+    """Thread that reads a feed until the feed ends or is stopped; between calls of `next` it runs jobs.
 
     Parameters
     ----------
@@ -245,7 +245,7 @@ class FeedThread(threading.Thread):
     Attributes
     ----------
     tell : callable
-        Called on the feed's thread when the queue has entries.
+        Called on this thread when there is something in the queue.
 
     Examples
     --------
@@ -268,7 +268,7 @@ class FeedThread(threading.Thread):
         self._put = self._got = 0
 
     def run(self) -> None:
-        """Read the feed; a permanent failure is queued as an event ``gone`` with its reason."""
+        """Read the feed; a permanent error is queued as an event ``gone`` with its reason."""
         try:
             while not self._stopping.is_set() and not self._is_over:
                 self._do_jobs()
@@ -295,7 +295,7 @@ class FeedThread(threading.Thread):
         return received
 
     def do(self, job: Callable[[], Result]) -> Future[Result]:
-        """Run a job on the feed's thread soon; at once if the thread has ended."""
+        """Run a job on this thread soon; if the thread has ended, run it at once."""
         future: Future[Result] = Future()
 
         def done() -> None:
@@ -310,7 +310,7 @@ class FeedThread(threading.Thread):
         return future
 
     def stop(self) -> None:
-        """Stop reading, and wait until the feed has written its data."""
+        """Stop reading, and wait until the feed has written everything."""
         self._stopping.set()
         if self.is_alive():
             self.join(STOPPING_S)
@@ -341,25 +341,25 @@ def _size(received: Samples | FeedEvent) -> int:
 
 
 def feed_kind(name: str) -> Callable[..., Feed]:
-    """Function ``open_feed`` for a kind of source that sends no lines.
+    """Function ``open_feed`` that opens a feed for a kind of source without lines.
 
-    That for ``mavlink`` takes a `ByteSource` and the number of a magnetometer, that for ``ros2`` the names of topics
-    and a unit. Raises `UsageError` if no package of `flinders.apps` reads that kind.
+    The arguments for ``mavlink`` are a `ByteSource` and the number of a magnetometer, those for ``ros2`` are names of
+    topics and a unit. Raises `UsageError` if no package of `flinders.apps` reads the kind.
     """
     open_feed: Callable[..., Feed] = _open_function("FEEDS", name, "open_feed")
     return open_feed
 
 
 def publisher_kind(name: str) -> Callable[..., Any]:
-    """Function ``open_publisher`` for a kind of feed; it takes the feed and a topic.
+    """Function ``open_publisher`` that opens a publisher for a kind of feed, from the feed and a topic.
 
-    Raises `UsageError` if no package of `flinders.apps` publishes that kind.
+    Raises `UsageError` if no package of `flinders.apps` publishes the kind.
     """
     return _open_function("PUBLISHERS", name, "open_publisher")
 
 
 def _open_function(table: str, name: str, function: str) -> Callable[..., Any]:
-    """A function, by its name, of the module for a name in a table of `flinders.apps`."""
+    """Function of this name, in the module that a table of `flinders.apps` has for a kind."""
     module = app_modules(table).get(name)
     if module is None:
         raise UsageError(f"this installation has no {name}: install flinders again")

@@ -1,7 +1,8 @@
-r"""Sending a calibration to a board by the protocol of MotionCal, confirmed by the board's echo.
+r"""Sending of a calibration to a board by the protocol of MotionCal; the echo of the board confirms it.
 
-The board answers a packet with two lines, ten numbers and nine: offsets of accelerometer, gyroscope and magnetometer
-with the field, and the matrix. The calibration is confirmed only if both have the sent values.
+The board answers a packet with two lines. The line of ten numbers has the offsets of accelerometer, gyroscope and
+magnetometer, and the field strength; the line of nine numbers has the matrix. The calibration is confirmed if both
+lines have the values that were sent.
 
 >>> import numpy as np
 >>> from flinders.links.transports import ScriptedSource
@@ -14,9 +15,10 @@ confirmed by the board's echo, to 3 decimals
 >>> board.written == packet.encode()
 True
 
-The tolerance is MotionCal's, 0.0001 + 0.00003 \|x\|, plus half a unit of the last printed digit, of at least two
-decimals. MotionCal allows only the first part: PJRC's and Adafruit's sketches echo three decimals, which often differ
-by more, so that MotionCal shows no confirmation although the board has accepted the values.
+The tolerance is that of MotionCal, 0.0001 + 0.00003 \|x\|, plus half a unit of the last printed digit, for which at
+least two decimals are assumed. MotionCal itself allows only the first part. PJRC's and Adafruit's sketches print three
+decimals, which often differ by more, so that MotionCal shows no confirmation although the board has accepted the
+values.
 """
 
 from __future__ import annotations
@@ -35,30 +37,30 @@ if TYPE_CHECKING:
     from flinders.links.transports import ByteSource
 
 TRIES: Final = 3
-ANSWER_S: Final = 3.0  # Longest wait for the echo of a packet, which sketches print about once per second
-BOOT_S: Final = 4.0  # Longest wait for a board that restarts when its port is opened, as many do
+ANSWER_S: Final = 3.0  # Longest wait for the echo of a packet; sketches print it about once per second
+BOOT_S: Final = 4.0  # Longest wait for a board that restarts when its port is opened, as many boards do
 PIECE, PAUSE_S = 16, 0.01
-"""Size of pieces in bytes, and pause between them, from the second try on: some boards have short buffers."""
+"""Size in bytes of pieces of a packet, and pause in s between them, from the second try on: some buffers are short."""
 MAX_LINE_BYTES: Final = 4096
 MOTIONCAL_SLACK, MOTIONCAL_SHARE = 0.0001, 0.00003
 MIN_PLACES: Final = 2
-"""Smallest count of decimals by which an echo is compared, also if it prints fewer."""
+"""Smallest number of decimals by which an echo is compared, even if it prints fewer."""
 UNKNOWN_VALUES: Final = "the board may hold the old values or the new ones"
-"""State of the board if the packet was already sent."""
-REOPEN_S: Final = 0.1  # Time between tries to open a port again
+"""What is known of the board if a packet was sent before the failure."""
+REOPEN_S: Final = 0.1  # Time between attempts to open a port again
 NUMBER: Final = re.compile(r"[-+]?\d+(?:\.(\d*))?")
 NUMBER_COUNTS: Final = {"Cal1": 10, "Cal2": 9}
 
 
 @dataclass(frozen=True, slots=True)
 class Echo:
-    """One line of a board's echo: printed values, and the count of decimals of each."""
+    """One line of a board's echo: the printed values, and the number of decimals of each."""
 
     values: tuple[float, ...]
     places: tuple[int, ...]
 
     def first_difference(self, expected: tuple[float, ...]) -> int | None:
-        """Index of the first number that differs from the expected one; None if all agree.
+        """Index of the first value that differs from the expected one; None if all values agree.
 
         >>> echoes = Echo.of("12.346,-0.500", 2), Echo.of("12.346,-0.51", 2)
         >>> [echo.first_difference((12.3456, -0.5)) for echo in echoes]
@@ -72,7 +74,7 @@ class Echo:
 
     @classmethod
     def of(cls, text: str, count: int) -> Echo | None:
-        """Parse the text after the colon; None unless it is `count` numbers."""
+        """Parse the text after the colon of a line; None unless it consists of `count` numbers."""
         matches = [NUMBER.fullmatch(cell.strip()) for cell in text.split(",")]
         if len(matches) != count or None in matches:
             return None
@@ -82,7 +84,7 @@ class Echo:
 
 @dataclass(frozen=True, slots=True)
 class Confirmation:
-    """Confirmation by a board, with the compared decimals and the count of tries."""
+    """Confirmation by a board, with the number of compared decimals and of tries."""
 
     places: int
     tries: int
@@ -103,16 +105,16 @@ def send(
     packet : MotionCalPacket
     tries : int
     answer : float, s
-        Longest wait for an echo, for each try.
+        Longest wait for an echo in each try.
     boot : float, s
-        Longest wait for any output of the board before the first packet, which is then sent to a silent board too.
+        Longest wait for any output of the board before the first packet; a silent board gets the packet then.
 
     Raises
     ------
     LinkError
-        If the board is disconnected before a packet was sent.
+        If the board is disconnected before a packet is sent.
     NotConfirmed
-        Without an echo, or with one of other values; it states the values that the board may have.
+        If no echo arrives, or one with other values; the error states the values that the board may have.
     """
     listener = _EchoListener(source)
     listener.wait_for_output(boot)
@@ -138,13 +140,13 @@ def send(
 
 
 def echo_of(packet: MotionCalPacket) -> dict[str, tuple[float, ...]]:
-    """Expected values in the two lines of an echo: offsets and field, and the matrix row by row."""
+    """Values to expect in the two lines of an echo: offsets and field strength, and the matrix row by row."""
     offsets = [0.0] * BEFORE_OFFSET + [*packet.offset, packet.strength]
     return {"Cal1": tuple(map(float, offsets)), "Cal2": tuple(map(float, packet.matrix.ravel()))}
 
 
 def echo_lines(packet: MotionCalPacket) -> list[str]:
-    """Lines of the echo of a packet, as PJRC's and Adafruit's sketches print it.
+    """Lines of the echo for a packet, as PJRC's and Adafruit's sketches print them.
 
     >>> import numpy as np
     >>> echo_lines(MotionCalPacket(np.array([10.0, -20.0, 30.0]), 50.0, np.eye(3)))[1]
@@ -155,10 +157,11 @@ def echo_lines(packet: MotionCalPacket) -> list[str]:
 
 @dataclass(slots=True)
 class _EchoListener:
-    """Reader of a board's output, with the last echo of each kind since sending, since the start, and before sending.
+    """Reader of a board's output that keeps the last echo of each kind.
 
-    `echoes`, `known` and `before` have these echoes. `rest` is an incomplete line, `received` counts bytes since the
-    port was opened, and `garbled` is the last line that begins like an echo but is none.
+    `echoes` are those since the packet was sent, `known` those since the start, and `before` those before the packet
+    was sent. `rest` is an incomplete line, `received` is the number of bytes since the port was opened, and `garbled`
+    is the last line that begins like an echo but is not one.
     """
 
     source: ByteSource
@@ -170,13 +173,13 @@ class _EchoListener:
     before: dict[str, Echo] = field(default_factory=dict)
 
     def wait_for_output(self, seconds: float) -> None:
-        """Wait until the board prints anything."""
+        """Wait until the board prints something."""
         until = time.monotonic() + seconds
         while not self.received and time.monotonic() < until:
             self._take(until)
 
     def wait_for_restart(self, seconds: float) -> None:
-        """Drop an incomplete line, and wait until the board prints anything again."""
+        """Drop an incomplete line, and wait until the board prints something again."""
         self.rest, self.received = b"", 0
         self.wait_for_output(seconds)
 
@@ -193,7 +196,7 @@ class _EchoListener:
         return None
 
     def complaint(self, expected: dict[str, tuple[float, ...]]) -> str:
-        """Sentence on the output in place of the echo, with a remedy."""
+        """Sentence about what the board printed instead of the echo, with a remedy."""
         for name, echo in self.known.items():
             if (place := echo.first_difference(expected[name])) is not None:
                 number = f"{echo.values[place]:g} in place of {expected[name][place]:.6g}"
@@ -212,7 +215,7 @@ class _EchoListener:
         )
 
     def _values_complaint(self, name: str, wrong: str) -> str:
-        """Sentence on an echo of other values, with a remedy, by comparison with an echo from before sending."""
+        """Sentence about an echo with other values, with a remedy; an earlier echo shows whether they are the old."""
         if name not in self.echoes:
             return (
                 f"the board printed {wrong} before, and no such line since: {UNKNOWN_VALUES}; look at its output with "
@@ -230,7 +233,7 @@ class _EchoListener:
         )
 
     def _take(self, until: float) -> None:
-        """Read until a time, and store the echoes."""
+        """Read until a time, and store the echoes in what was read."""
         content = self.source.read(max(min(0.1, until - time.monotonic()), 0.0))
         self.received += len(content)
         *lines, self.rest = re.split(rb"[\r\n]+", self.rest + content)
@@ -239,7 +242,7 @@ class _EchoListener:
             self._note(line.decode("ascii", "replace").strip())
 
     def _note(self, line: str) -> None:
-        """Store an echo; a line that cannot be parsed is stored as `garbled`."""
+        """Store an echo; a line that begins like one but cannot be parsed is stored in `garbled`."""
         name, colon, text = line.partition(":")
         if colon and name in NUMBER_COUNTS:
             echo = Echo.of(text, NUMBER_COUNTS[name])
@@ -250,7 +253,7 @@ class _EchoListener:
 
 
 def _reopen(source: ByteSource, seconds: float) -> None:
-    """Open a port again, trying for `seconds`."""
+    """Open a port again, with attempts for `seconds` s."""
     until = time.monotonic() + seconds
     while True:
         try:

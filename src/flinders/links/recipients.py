@@ -1,4 +1,4 @@
-"""Interface of sources that accept a calibration of their readings, such as a vehicle.
+"""Interface of sources that accept a calibration of their own readings, such as a vehicle.
 
 >>> from flinders.links.feeds import NoSensor
 >>> isinstance(NoSensor("session.csv"), Recipient)
@@ -16,23 +16,23 @@ if TYPE_CHECKING:
 
 
 class Transfer(Protocol):
-    """Changes in a recipient that make it use a calibration."""
+    """Changes to a recipient after which it uses a calibration."""
 
     @property
     def suffix(self) -> str:
-        """File name suffix for `backup`."""
+        """Suffix of the file name for `backup`."""
 
     @property
     def is_done(self) -> bool:
-        """Whether the recipient has the calibration already."""
+        """Whether the recipient uses the calibration already."""
 
     def backup(self) -> str:
-        """Current values of the recipient, in the format of its own tools."""
+        """Present values of the recipient, in the format of its own tools."""
 
     def carry_out(self, *, stopped: Callable[[], bool], say: Callable[[str], None]) -> str:
-        """Write the changes and read them back, or restore the old values; return a sentence on the confirmation.
+        """Write the changes and read them back, or restore the old values; return a sentence that confirms them.
 
-        Raises `NotConfirmed`, which states the values of the recipient.
+        Raises `NotConfirmed`, which states the values that the recipient has.
         """
 
 
@@ -42,17 +42,17 @@ class Recipient(Protocol):
 
     @property
     def name(self) -> str:
-        """Name for messages."""
+        """Name of the source in messages."""
 
     @property
     def refusal(self) -> str:
-        """Reason why no calibration is accepted now, such as an armed vehicle; empty if it is accepted."""
+        """Why no calibration is accepted now, such as that the vehicle is armed; empty if one is accepted."""
 
     def on_board(self, field_strength: float) -> Calibration | None:
-        """The calibration on board, for readings of the feed, in µT; None if unknown."""
+        """Onboard calibration for readings of the feed, in µT; None if it is not known."""
 
     def transfer(self, calibration: Calibration) -> Transfer:
-        """Determine the changes without writing them.
+        """Determine the changes, without writing them.
 
         Raises `NotSent`, `NotExportable`, `UnitError` or `LinkError` if a transfer is impossible.
         """

@@ -1,4 +1,4 @@
-"""The serial ports of this machine, and detection of the port of a board.
+"""Serial ports of this machine, and recognition of the port of a board.
 
 >>> nano = SerialPort("/dev/ttyACM0", product="Arduino Nano 33 BLE", vendor=0x2341)
 >>> mainboard, modem = SerialPort("/dev/ttyS0"), SerialPort("/dev/ttyUSB2", product="LTE Modem", vendor=0x1234)
@@ -7,8 +7,8 @@
 >>> port_words([mainboard, nano])
 'there are /dev/ttyACM0 (Arduino Nano 33 BLE), /dev/ttyS0'
 
-Only a device on USB that is no modem is used without its name. Ports of the mainboard, of Bluetooth or of a debug
-console can be opened as well, but never send anything.
+Without a name, only a device on USB is used, and not a modem. Ports of the mainboard, of Bluetooth or of a debug
+console could be opened as well, but never send anything.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 ANY_PORT: Final = "?"
-"""Placeholder for the port of the only connected board."""
+"""Name that stands for the port of the only connected board."""
 SERIAL_PORT: Final = re.compile(r"/dev/|COM\d", re.IGNORECASE)
-"""Pattern of the start of a serial port's name."""
+"""Start of the name of a serial port."""
 MODEM_WORDS: Final = re.compile(r"\b(?:modem|lte|gsm|wwan|umts|hspa|mobile broadband)\b", re.IGNORECASE)
 """Words in the product names of modems."""
 MODEM_VENDORS: Final = frozenset(
@@ -43,13 +43,13 @@ class SerialPort:
     """A serial port."""
 
     name: str  # usual name: /dev/ttyACM0, COM3
-    path: str = ""  # path that stays the same when the board is plugged in again, if the system has one
+    path: str = ""  # path that stays the same when the board is plugged in again; empty if the system has none
     product: str = ""  # product name of a device on USB
     vendor: int | None = None  # vendor number of a device on USB; None for others
 
     @property
     def is_board(self) -> bool:
-        """Whether it may be the port of a board: on USB, and no modem."""
+        """Whether it may be the port of a board: a device on USB that is not a modem."""
         is_modem = self.vendor in MODEM_VENDORS or MODEM_WORDS.search(self.product) is not None
         return self.vendor is not None and not is_modem
 
@@ -58,9 +58,9 @@ class SerialPort:
 
 
 def ports() -> list[SerialPort]:
-    """The serial ports of this machine; empty if they cannot be listed.
+    """Serial ports of this machine; empty if the system cannot list them.
 
-    Raises `MissingExtra` without serialx.
+    Raises `MissingExtra` if serialx is not installed.
     """
     serialx = import_optional("serialx", "serial", "a serial port")
     try:
@@ -71,7 +71,7 @@ def ports() -> list[SerialPort]:
 
 
 def port_words(found: Sequence[SerialPort]) -> str:
-    """Sentence on the ports, those of boards first, or on what to check without any."""
+    """Sentence about ports, with those of boards first; without ports, about what to check."""
     if not found:
         return "this machine has no serial port now: plug the board in, with a cable that carries data"
     names = [str(port) for port in sorted(found, key=lambda port: (not port.is_board, port.name))]
@@ -79,7 +79,7 @@ def port_words(found: Sequence[SerialPort]) -> str:
 
 
 def describe_ports() -> str:
-    """Sentence on the serial ports of this machine, or on what to install to list them."""
+    """Sentence about the serial ports of this machine, or about what to install to list them."""
     try:
         return port_words(ports())
     except MissingExtra as missing:
@@ -87,9 +87,9 @@ def describe_ports() -> str:
 
 
 def find_board_port() -> str | None:
-    """The port of the only connected board; None if there is none, or without serialx.
+    """Port of the only connected board; None if there is no board, or if serialx is not installed.
 
-    Raises `UsageError` for several.
+    Raises `UsageError` if there are several boards.
     """
     try:
         return _only_board([port for port in ports() if port.is_board])
@@ -98,16 +98,16 @@ def find_board_port() -> str | None:
 
 
 def board_port() -> str:
-    """The port of the only connected board.
+    """Port of the only connected board.
 
     Raises
     ------
     LinkError
-        Without a board; it lists the ports and what to check.
+        If there is no board; the error lists the ports, and what to check.
     UsageError
-        For several boards.
+        If there are several boards.
     MissingExtra
-        Without serialx.
+        If serialx is not installed.
     """
     found = ports()
     if port := _only_board([port for port in found if port.is_board]):
@@ -126,7 +126,7 @@ def board_port() -> str:
 
 
 def _only_board(boards: Sequence[SerialPort]) -> str | None:
-    """The only board of a list; None for an empty list; `UsageError` for several."""
+    """The only board of a list; None for an empty list, `UsageError` for several."""
     if len(boards) > 1:
         listed = _port_list(boards)
         raise UsageError(f"several boards are plugged in, {listed}: name one", hint={"port": boards[0].name})

@@ -1,8 +1,8 @@
-r"""Transcript of a sensor's lines: text of a recording, readings, and events.
+r"""Transcript of a sensor's lines: the text of a recording, its readings, and events.
 
-A transcript uses no port, file or clock: bytes are passed in with their time of arrival. The format of all lines is
-that of the first ones; it is recognised as in a file, so that everything in a file can be recorded. The time of arrival
-is added as the first column if the lines have no time.
+A transcript uses no port, file or clock: it gets bytes with their time of arrival. The first lines determine the format
+of all lines. It is recognised as in a file, so that every format of files can be recorded. If the lines contain no
+time, the time of arrival is added as the first column.
 
 >>> transcript = Transcript("the board")
 >>> _ = transcript.take(b"booting\r\nRaw:0,0,8192,0,0,0,217,4,-5", at=0.0)
@@ -15,262 +15,64 @@ t_s,accel_x_g,accel_y_g,accel_z_g,gyro_x_dps,gyro_y_dps,gyro_z_dps,mag_x_uT,mag_
 >>> later.readings.field, [event.kind for event in later.events]
 (array([[ 21.7,   0.4, -58.6]]), ['settled'])
 
-The readings are equal to those of `flinders.read` from the text.
+The readings are equal to those that `flinders.read` makes of the text.
 """
 
 from __future__ import annotations
 
 import contextlib
-import math
 import re
-from collections import Counter, deque
-from copy import deepcopy
+from collections import deque
 from dataclasses import dataclass, field, replace
-from functools import partial
-from itertools import pairwise
 from typing import TYPE_CHECKING, Final, NamedTuple
-
-import numpy as np
 
 from flinders.core.axes import Axes
 from flinders.core.samples import merge_skipped
 from flinders.core.units import unit_label
-from flinders.errors import FlindersError, OutputError, count_text, figures
+from flinders.errors import FlindersError, OutputError, count_text
 from flinders.links.feeds import FeedEvent
-from flinders.readers._cells import COMMENTS, parse_number, quote_cell, split
+from flinders.links.line_form import recognise_form
+from flinders.links.recording_statistics import RecordingStatistics
+from flinders.links.recording_text import escape_bytes
+from flinders.readers._cells import COMMENTS, parse_number
 from flinders.readers._choice import list_names
 from flinders.readers._clock import Midnights
 from flinders.readers._columns import unit_of
 from flinders.readers._grid import rows_of
-from flinders.readers._layout import DELIMITER_WORDS, Cells, TextLayout, recognise_table
+from flinders.readers._layout import recognise_table
 from flinders.readers._line_shapes import LineShapes
-from flinders.readers._names import is_unit
-from flinders.readers._recognition import recognise_layout
 from flinders.readers._tokenizer import shorten
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from flinders.arrays import Floats
     from flinders.core.samples import Samples, Skipped
     from flinders.core.units import Unit
     from flinders.links.feeds import Kind
+    from flinders.links.line_form import Form
     from flinders.readers._columns import Columns
-    from flinders.readers.dialects import Dialect
+    from flinders.readers._layout import TextLayout
 
 SETTLE_S: Final = 0.9
-"""Longest wait until the format of the first lines is recognised; less than 1 s, the largest loss in a crash."""
-RECOGNITION_LINES: Final = 20  # Count of lines by which the format is recognised at once
-MAX_LINE_BYTES: Final = 4096  # Longest line
+"""Longest time in s until the format of the first lines is recognised; a crash may lose 1 s, which is longer."""
+RECOGNITION_LINES: Final = 20  # Number of lines by which the format is recognised at once
+MAX_LINE_BYTES: Final = 4096  # Longest line that is not cut into pieces
 SILENT_S: Final = 3.0  # Time without a reading after which advice is given
-MAX_UNLIKE_LINES: Final = 50  # Count of consecutive lines unlike the first ones after which advice is given
-MAX_UNANSWERED: Final = 10  # Count of readings without an answer of the sensor after which advice is given
-TIME_STEP_S: Final = 1e-4  # Time difference of lines that arrive together, the last digit of a time
+MAX_UNLIKE_LINES: Final = 50  # Number of consecutive lines unlike the first ones after which advice is given
+MAX_UNANSWERED: Final = 10  # Number of readings without an answer of the sensor after which advice is given
+TIME_STEP_S: Final = 1e-4  # Time between lines that arrive together: the last digit of a recorded time
 LINE_ENDS: Final = re.compile(rb"[\r\n]+")
-TIME_NAME: Final = "t_s"
-PLAIN_NAMES: Final = ("mag_x", "mag_y", "mag_z")  # Names for three columns without a header
-MIN_TABLE_LINES: Final = 3
-"""Count of lines with words before numbers in the same positions that form a table; fewer are messages."""
-
-
-@dataclass(frozen=True, slots=True)
-class Form:
-    """Format of a source's lines, and of the recorded table."""
-
-    dialect: Dialect
-    layout: TextLayout  # layout of the lines, or of the lines that the dialect converts them to
-    names: tuple[str, ...]  # names of the columns; empty if the source has a time but no names
-    is_timed: bool  # whether the lines have a time
-
-    @property
-    def header(self) -> str:
-        """The line above the rows; empty without one."""
-        return ",".join(map(quote_cell, self.names))
-
-    def is_heading(self, line: str) -> bool:
-        """Whether a line repeats the header, or is a row of units below it."""
-        cells = split(line.strip(), self.layout.grid.delimiter)
-        is_header = line.strip() in (self.layout.header_text.strip(), self.header)
-        return is_header or all(is_unit(cell.strip(" []()")) for cell in cells)
-
-    def row(self, line: str, arrived: float) -> str | None:
-        """Row from a line that arrived `arrived` seconds after the start; None if it cannot be parsed."""
-        cells = self.dialect.row(line)
-        if cells and not self.is_timed:
-            cells = (f"{arrived:.4f}", *cells)
-        return None if cells is None else ",".join(cells)
-
-    def rows(self, lines: Sequence[str]) -> list[str]:
-        """Rows from some lines, without a change of the state."""
-        trial = replace(self, dialect=deepcopy(self.dialect))  # the dialect stores parts of a reading
-        return [row for line in lines if (row := trial.row(line, 0.0))]
-
-    def __str__(self) -> str:
-        return self.dialect.words
-
-
-def recognise_form(lines: list[str], pattern: str | None = None) -> Form | None:
-    """Recognise the format of the first lines; None if none of them has three numbers.
-
-    >>> form = recognise_form(["starting up", "X: 21.7 Y: 0.4 Z: -58.6 uT", "X: 21.7 Y: 0.2 Z: -58.7 uT"])
-    >>> print(form, "as", form.header)
-    labelled lines as t_s,X (uT),Y (uT),Z (uT)
-    >>> form.row("X: 21.5 Y: 0.3 Z: -58.5 uT", 0.25), form.row("low battery", 0.26)
-    ('0.2500,21.5,0.3,-58.5', None)
-    """
-    for lay_out in (partial(recognise_table, ""), _layout_without_columns):
-        with contextlib.suppress(Exception):  # a recording continues whatever a board prints
-            dialect, layout = recognise_layout("", lines, lay_out, pattern)
-            words = f"lines of numbers, {DELIMITER_WORDS[layout.grid.delimiter]}-separated"
-            return _make_form(
-                dialect or Cells.of(layout, words), layout, lines, is_clear=lay_out is not _layout_without_columns
-            )
-    return None
-
-
-def _make_form(dialect: Dialect, layout: TextLayout, lines: list[str], *, is_clear: bool) -> Form:
-    """Form from a dialect and a layout; columns without names and without a time get names."""
-    form = Form(dialect, layout, dialect.names, is_timed=True)
-    rows = [split(row, ",") for row in form.rows(lines)]
-    width = layout.grid.width or max(map(len, rows), default=0)
-    is_told = is_clear and layout.columns.device is not None and not dialect.names
-    nameless = PLAIN_NAMES if is_clear and width == len(PLAIN_NAMES) else _default_names(layout, width, is_told=is_told)
-    if (time := layout.columns.time) and _is_time([row[time.cells[0]] for row in rows if len(row) > time.cells[0]]):
-        return replace(form, names=nameless) if is_told else form
-    return replace(form, names=(TIME_NAME, *(dialect.names or nameless)), is_timed=False)
-
-
-def _default_names(layout: TextLayout, width: int, *, is_told: bool) -> tuple[str, ...]:
-    """Names for unnamed columns; those of magnetometer and time if words in each row state them (`is_told`)."""
-    columns = layout.columns
-    known = dict(zip(columns.field.cells, PLAIN_NAMES, strict=True)) if is_told else {}
-    known |= {columns.time.cells[0]: "time"} if is_told and columns.time else {}
-    return tuple(known.get(place, f"c{place + 1}") for place in range(width))
-
-
-def _is_time(column: Sequence[str]) -> bool:
-    """Whether a column increases like a time; ``T_C`` may be a temperature."""
-    times = [time for cell in column if (time := parse_number(cell, ".")) is not None]
-    return all(b >= a for a, b in pairwise(times)) and (len(times) < 2 or times[-1] > times[0])
-
-
-def _layout_without_columns(lines: list[str], header: Sequence[str] = (), **_: object) -> TextLayout:
-    """Layout of a table whose columns of the magnetometer are unknown, of which all columns are recorded."""
-    layout = recognise_table("", lines, "1,2,3", header)
-    if not layout.header:  # an increasing column may be an axis
-        layout = replace(layout, columns=layout.columns.with_only())
-    sign, decimal = layout.grid.delimiter, layout.grid.decimal
-    rows = [split(line, sign) for line in lines]
-    numeric = Counter(
-        tuple(place for place, cell in enumerate(row) if cell.strip() and parse_number(cell, decimal) is not None)
-        for row in rows
-    )
-    places, count = numeric.most_common(1)[0]
-    if len(places) < len(PLAIN_NAMES) or count < max(MIN_TABLE_LINES, len(rows) / 2):
-        return layout
-    cells = places[: len(PLAIN_NAMES)]
-    return replace(layout, grid=replace(layout.grid, cells=cells, needed=frozenset(cells)))
 
 
 def is_marked(line: str) -> bool:
-    """Whether the words of a line show that its start is complete; ``17,4,-586`` may be a part of ``217,4,-586``."""
+    """Whether the words in a line show that its start is complete. ``17,4,-586`` may be the end of ``217,4,-586``."""
     return not all(parse_number(cell, ".") is not None for cell in re.split(r"[\s,;]+", line.strip()))
-
-
-@dataclass(slots=True)
-class RecordingStatistics:
-    """Statistics of a recording so far."""
-
-    form: Form | None = None  # format of the lines; None if unknown
-    unit: str = ""  # µT or counts; empty if the columns of the magnetometer are unknown
-    readings: int = 0  # count of rows
-    unknown: int = 0  # count of lines that could not be parsed
-    accompanying: int = 0  # count of those lines that a program prints with its readings; known at the end
-    lines: int = 0
-    received: int = 0  # count of bytes
-    seconds: float = 0.0  # time since the start
-    strengths: int = 0
-    strength_sum: float = 0.0  # sum of the lengths of the field, in `unit`
-    weakest: float = math.inf
-    strongest: float = 0.0
-    disconnections: int = 0  # count of disconnections of the source
-    datagrams_lost: int = 0  # count of datagrams that this machine dropped, if it counts them
-    first_unknown: str = ""  # the first line that could not be parsed
-    first_at: float = 0.0
-    last_at: float = 0.0
-
-    def count_row(self, at: float) -> None:
-        """Count one row."""
-        self.first_at = self.first_at if self.readings else at
-        self.readings, self.last_at = self.readings + 1, at
-
-    def measure(self, field: Floats) -> None:
-        """Add the field strengths of (N, 3) readings."""
-        with np.errstate(over="ignore"):
-            strengths = np.linalg.norm(field, axis=1)
-        self.strengths += len(field)
-        self.strength_sum += float(strengths.sum())
-        self.weakest = float(strengths.min(initial=self.weakest))
-        self.strongest = float(strengths.max(initial=self.strongest))
-
-    @property
-    def rate_hz(self) -> float:
-        """Readings per second, gaps included; 0 with fewer than two readings."""
-        span = self.last_at - self.first_at
-        return (self.readings - 1) / span if self.readings > 1 and span > 0 else 0.0
-
-    def as_dict(self) -> dict[str, object]:
-        """JSON-ready."""
-        known = self.strengths > 0
-        return {
-            "format": str(self.form) if self.form else None,  # format of the lines; null if unknown
-            "readings": self.readings,
-            "seconds": self.seconds,
-            "rate_hz": self.rate_hz or None,
-            # `mean`, `min` and `max` length of the readings, in `unit`
-            "strength": {
-                "unit": self.unit or None,
-                "mean": self.strength_sum / self.strengths if known else None,
-                "min": self.weakest if known else None,
-                "max": self.strongest if known else None,
-            },
-            "not_understood": self.unknown - self.accompanying,  # count of lines that could not be parsed
-            "accompanying": self.accompanying,
-            "first_not_understood": self.first_unknown or None,  # the first of these lines
-            "bytes": self.received,  # count of received bytes
-            "disconnections": self.disconnections,
-            "datagrams_lost": self.datagrams_lost,
-        }
-
-    def __str__(self) -> str:
-        parts = [
-            f"{count_text(self.readings, 'reading')}{f' ({self.form})' if self.form else ''} in {self.seconds:.1f} s"
-        ]
-        parts += [f"{figures(self.rate_hz)} Hz"] * (self.rate_hz > 0)
-        if self.strengths:
-            mean = self.strength_sum / self.strengths
-            ends = f"({figures(self.weakest, 3)} to {figures(self.strongest, 3)})"
-            parts.append(f"strength {figures(mean, 3)} {self.unit} {ends}")
-        parts += [f"lost {self.disconnections} time{'s' * (self.disconnections != 1)}"] * (self.disconnections > 0)
-        parts += [f"{count_text(self.datagrams_lost, 'datagram')} lost by this machine"] * (self.datagrams_lost > 0)
-        return ", ".join(parts)
-
-    @property
-    def brief(self) -> str:
-        """Readings, rate, strength and duration on a line that fits any terminal."""
-        rate = f"{figures(self.rate_hz, 3)} Hz" if self.rate_hz else "- Hz"
-        parts = [count_text(self.readings, "reading"), rate]
-        if self.strengths:
-            parts.append(f"{figures(self.weakest, 3)} to {figures(self.strongest, 3)} {self.unit}")
-        return "  ".join([*parts, f"{self.seconds:.0f} s"])
 
 
 @dataclass(frozen=True, slots=True)
 class Taken:
-    """Results from some received bytes."""
+    """Result of some received bytes."""
 
     text: str = ""  # complete lines for the recording
-    readings: Samples | None = None  # readings of its rows with a finite field
+    readings: Samples | None = None  # readings of the rows in `text` whose field is finite; None without any
     events: list[FeedEvent] = field(default_factory=list)
 
 
@@ -279,15 +81,15 @@ class _WaitingLine(NamedTuple):
 
     at: float  # time of arrival
     content: bytes
-    piece: int = 0  # number of the piece of a line that is too long, from 1
+    piece: int = 0  # for a line that is too long: number of this piece, from 1
 
 
 class Transcript:
-    """Converter of bytes to lines, and of lines to rows and readings.
+    """Conversion of bytes to lines, and of lines to rows of a recording and to readings.
 
-    If `is_framed`, bytes that arrive together begin and end with a line; else the first line may be incomplete.
-    Columns, unit, scale and pattern are as for `flinders.open_recording`; `most` is the largest count of rows. A
-    continued recording has a `header` and first `rows`.
+    With `is_framed`, bytes that arrive together begin and end with a line; otherwise the first line may be incomplete.
+    Columns, unit, scale and pattern are those of `flinders.open_recording`; `most` is the largest number of rows.
+    `header` and `rows` are the header and the first rows of a recording to continue.
     """
 
     def __init__(
@@ -324,14 +126,14 @@ class Transcript:
 
     @property
     def is_full(self) -> bool:
-        """Whether it has the requested count of rows."""
+        """Whether it has the requested number of rows."""
         return self._most is not None and self.statistics.readings >= self._most
 
     @property
     def clock_start(self) -> float | None:
-        """Start of the times of readings in seconds from 1970; 0 if they have another start.
+        """Time in s from 1970 at which the times of readings start; 0 if they do not count from 1970.
 
-        It is None for times of arrival, and before the format is recognised.
+        None for times of arrival, and until the format is recognised.
         """
         form = self.statistics.form
         if form is None or self._read is None or not form.is_timed:
@@ -340,7 +142,7 @@ class Transcript:
         return None if time is None else float(time.start * time.factor)
 
     def take(self, content: bytes, at: float) -> Taken:
-        """Process bytes that arrived at a time; call it without bytes too, so that waiting lines are written."""
+        """Process bytes that arrived at `at` s. Call it without bytes too, so that lines that wait are written."""
         self.statistics.seconds = at
         self.statistics.received += len(content)
         if content:
@@ -351,7 +153,7 @@ class Transcript:
         return taken
 
     def _advice(self, at: float) -> list[FeedEvent]:
-        """Events with advice, once if no bytes and once if no usable line has arrived."""
+        """Events with advice: one if no bytes have arrived, one if no usable line has arrived."""
         kind: Kind = "silent" if self._heard_at is None else "nothing"
         is_due = at - (self._heard_at or 0.0) >= SILENT_S
         if self.statistics.readings or kind in self._advised or not is_due:
@@ -360,7 +162,7 @@ class Transcript:
         return [FeedEvent(kind, at, self.nothing())]
 
     def record_loss(self, at: float) -> Taken:
-        """Record a disconnection of the source, after the waiting lines."""
+        """Record that the source was disconnected, after the lines that wait."""
         ended = self.end(at)
         self.statistics.disconnections += 1
         self._is_cut = not self._is_framed
@@ -372,7 +174,7 @@ class Transcript:
         return Taken(f"# back at {at:.4f} s\n")
 
     def end(self, at: float) -> Taken:
-        """Write the waiting lines, and the incomplete last line as a comment."""
+        """Write the lines that wait, and an incomplete last line as a comment."""
         self.statistics.seconds = at
         taken = self._flush()
         if self._rest.strip() and not self.is_full:
@@ -385,7 +187,7 @@ class Transcript:
         return taken
 
     def nothing(self) -> str:
-        """Sentence on why there are no readings, with a remedy."""
+        """Sentence that says why there are no readings, with a remedy."""
         if not self.statistics.received:
             return (
                 f"nothing arrives from {self._name}: check that the sensor is on and prints its readings, and "
@@ -406,7 +208,7 @@ class Transcript:
         )
 
     def _split_lines(self, content: bytes, at: float) -> None:
-        """Split received bytes into lines, and too long lines into pieces, which do not count as lines."""
+        """Split received bytes into lines. Lines that are too long become pieces, which do not count as lines."""
         *whole, self._rest = LINE_ENDS.split(self._rest + content + b"\n" * self._is_framed)
         for line in whole:
             if self._pieces or len(line) > MAX_LINE_BYTES:
@@ -420,7 +222,7 @@ class Transcript:
             self._rest = b""
 
     def _is_enough(self, at: float) -> bool:
-        """Whether the format can be recognised: from many lines, from old ones, or from all requested ones."""
+        """Whether the format can be recognised: by many lines, by old lines, or because all requested rows are here."""
         is_late = len(self._waiting) >= RECOGNITION_LINES or at - self._waiting[0].at >= SETTLE_S
         if is_late or self._most is None:
             return is_late
@@ -428,12 +230,12 @@ class Transcript:
         return form is not None and len(form.rows(self._texts())) >= self._most
 
     def _texts(self) -> list[str]:
-        """Complete lines, without a first line that may be incomplete."""
+        """Complete lines; a first line that may be incomplete is left out."""
         texts = [_text(line.content) for line in self._waiting if not line.piece]
         return texts[1:] if self._is_cut and texts and not is_marked(texts[0]) else texts
 
     def _settle(self) -> None:
-        """Recognise the format of the lines, also by an earlier header; OutputError if a continued one differs."""
+        """Recognise the format of the lines; `OutputError` if a recording to continue has another format."""
         form = recognise_form([*self._before, *self._texts()], self._pattern)
         rows = form.rows(self._texts()) if form else []
         if form is None or not rows:
@@ -456,14 +258,14 @@ class Transcript:
             self._tell("several", _selected_device_words(self._read[0].columns))
 
     def _requested_columns(self, form: Form) -> str | None:
-        """Requested columns in the recording; numbers are those of printed columns, before the added time."""
+        """Requested columns by their names in the recording; numbers count printed columns, without an added time."""
         asked = (self._columns or "").split(",")
         places = [] if form.is_timed or not all(one.strip().isdigit() for one in asked) else list(map(int, asked))
         is_there = bool(places) and max(places) < len(form.names)
         return ",".join(form.names[place] for place in places) if is_there else self._columns
 
     def _flush(self) -> Taken:
-        """Convert the waiting lines into text and readings."""
+        """Convert the lines that wait to text and readings."""
         rows: list[str] = []
         text = ""
         if self._waiting and self.statistics.form is None and not self.is_full:
@@ -475,12 +277,12 @@ class Transcript:
         return Taken(text, readings, events)
 
     def _line_text(self, line: _WaitingLine, rows: list[str]) -> str:
-        """Text of one line in the recording."""
+        """Text of one line in the recording: a row or a comment."""
         form, text = self.statistics.form, _text(line.content)
         self.statistics.lines += line.piece < 2
         if line.piece:
             self._is_cut = False
-            if line.piece == 1:  # counts for all pieces
+            if line.piece == 1:  # counted once for all its pieces
                 self._count_unknown(text)
             return f"# too long: {escape_bytes(line.content)}\n"
         cut, self._is_cut = self._is_cut and not is_marked(text), False
@@ -500,7 +302,7 @@ class Transcript:
         return f"{form.header}\n{row}\n" if form.header else f"{row}\n"
 
     def _note(self, text: str) -> None:
-        """Count a line that cannot be parsed, unless it is a comment, header, or line without a reading."""
+        """Count a line that cannot be parsed; comments, headers and lines without a reading do not count."""
         form = self.statistics.form
         if form is None:
             self._before.append(text)
@@ -522,7 +324,7 @@ class Transcript:
             )
 
     def _count_silent(self, readings: Samples) -> None:
-        """Count readings without an answer of the sensor, and report them after some."""
+        """Count readings at which the sensor did not answer, and report them after some."""
         before = sum(entry.rows for entry in self._silent)
         new = (replace(entry, lines=()) for entry in readings.skipped if entry.is_silent)
         self._silent = merge_skipped(self._silent, tuple(new))
@@ -546,14 +348,9 @@ class Transcript:
 
 
 def _selected_device_words(columns: Columns) -> str:
-    """Sentence that only lines of one of several devices are shown."""
+    """Sentence that of several devices only the lines of one are shown."""
     others = list_names([other.partition(" ")[2] for other in columns.others])
     return f"lines of several devices arrive: only {columns.name} is shown, {others} not"
-
-
-def escape_bytes(line: bytes) -> str:
-    """Bytes as printable ASCII text, from which ``unicode_escape`` restores them."""
-    return line.decode("latin-1").encode("unicode_escape").decode("ascii")
 
 
 def _text(line: bytes) -> str:

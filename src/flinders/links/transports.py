@@ -10,7 +10,7 @@ flinders.errors.LinkError: the script is gone: check the cable
 >>> board.read(0.1)
 b'Raw:'
 
-Every source waits only in `read`. A disconnection is always a `LinkError`, whatever the error of the operating system.
+A source waits only in `read`. A disconnection is always a `LinkError`, whatever the error of the operating system is.
 """
 
 from __future__ import annotations
@@ -34,31 +34,30 @@ from flinders.links.serial_ports import ANY_PORT, board_port, describe_ports
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-CHUNK_BYTES: Final = 1 << 16  # Largest count of bytes that are read together; no datagram is longer
-BAUD: Final = 115200  # Default of MotionCal and most sketches
+CHUNK_BYTES: Final = 1 << 16  # Largest number of bytes that are read together; no datagram is longer
+BAUD: Final = 115200  # Default of MotionCal and of most sketches
 WRITE_S: Final = 2.0  # Longest wait for a write
 CONNECT_S: Final = 5.0  # Longest wait for an answer of a host
 RECEIVE_BUFFER_BYTES: Final = 8 << 20
-"""Requested size of the receive buffer while this program is busy; the system may grant less."""
+"""Size in bytes of the receive buffer to request, for times when this program is busy; the system may grant less."""
 SO_RCVBUFFORCE: Final = 33
 SO_RXQ_OVFL: Final = 40
-"""Linux: larger buffer for the administrator, and a count of dropped datagrams with each datagram (socket(7))."""
+"""Options of Linux: a larger buffer for the administrator; a count of dropped datagrams in each one (socket(7))."""
 NO_WAIT_FLAG: Final = getattr(socket, "MSG_DONTWAIT", 0)
-"""Flag to receive a datagram without waiting; 0 on systems without it."""
+"""Flag that receives a datagram without waiting; 0 on systems that do not have it."""
 COUNT_FORMAT: Final = struct.Struct("=I")
-MAX_PEERS: Final = 16  # Largest count of senders that are answered over UDP; further ones are read and not answered
+MAX_PEERS: Final = 16  # Largest number of senders that get answers over UDP; further senders are only read
 
 
 class ByteSource(Protocol):
     """One end of a wire; each method except `close` raises `LinkError` if the other end is disconnected."""
 
     name: str  #: name for messages: ``/dev/ttyACM0``, ``UDP port 50100``
-    #: whether results of `read` begin and end with a line, as datagrams do; a port may be opened in the middle of a
-    #: line
+    #: whether results of `read` begin and end with a line, as datagrams do; a port may be opened in the middle of one
     is_framed: bool
 
     def read(self, timeout: float) -> bytes:
-        """Return received bytes, waiting at most `timeout` seconds; empty if none arrived."""
+        """Return the bytes received; wait no longer than `timeout` s, and return nothing if none arrive."""
 
     def write(self, content: bytes) -> None:
         """Send all bytes."""
@@ -67,7 +66,7 @@ class ByteSource(Protocol):
         """Open the source again after a disconnection."""
 
     def close(self) -> None:
-        """Close the source; may be called twice."""
+        """Close the source; a second call does nothing."""
 
 
 class Serial:
@@ -78,14 +77,14 @@ class Serial:
     port : str
         ``/dev/ttyACM0``, ``COM3``.
     baud : int
-        Bits per second; boards with native USB ignore it.
+        Bits per second; a board with native USB ignores it.
 
     Raises
     ------
     MissingExtra
-        Without serialx.
+        If serialx is not installed.
     LinkError
-        If it cannot be opened; lists the existing ports.
+        If the port cannot be opened; the error lists the existing ports.
     UsageError
         For a baud rate that the port does not support.
     """
@@ -145,7 +144,7 @@ class Serial:
 
 
 class Udp:
-    """UDP datagrams: listens on a port and answers all senders, or sends to an address first.
+    """UDP datagrams: listens on a port and answers all senders, or sends to an address first and then listens.
 
     Parameters
     ----------
@@ -153,17 +152,17 @@ class Udp:
     host : str
         Address to listen on, or to send to.
     speaks_first : bool
-        Send to that address first; otherwise listen.
+        Whether to send to the address first, or only to listen.
 
     Attributes
     ----------
     lost : int
-        Count of datagrams that this machine dropped because they were not read in time, if it counts them (Linux).
+        Number of datagrams that this machine has dropped, since they were not read in time, if it counts them (Linux).
 
     Raises
     ------
     LinkError
-        For a port in use, or an unknown host.
+        For a port that is in use, or an unknown host.
     """
 
     is_framed = True
@@ -186,17 +185,17 @@ class Udp:
 
     @property
     def port(self) -> int:
-        """The port in use, also if 0 was requested."""
+        """Number of the port in use, even if 0 was requested."""
         return int(self._socket.getsockname()[1])
 
     def read(self, timeout: float) -> bytes:
-        """As `ByteSource.read`: one datagram. With a timeout of 0 it does not wait."""
+        """As `ByteSource.read`, for one datagram; with a timeout of 0 it does not wait."""
         try:
             if (timeout > 0 or not NO_WAIT_FLAG) and not select.select([self._socket], [], [], timeout)[0]:
                 return b""
             content, peer = self._receive()
-        except (BlockingIOError, ConnectionError):  # nothing has arrived, or a sent datagram has not reached a listener
-            # yet
+        # nothing has arrived, or a sent datagram has found no listener yet
+        except (BlockingIOError, ConnectionError):
             return b""
         except (OSError, ValueError):
             raise LinkError(f"{self.name} is gone: check the network") from None
@@ -205,7 +204,7 @@ class Udp:
         return content
 
     def write(self, content: bytes) -> None:
-        """As `ByteSource.write`: to all senders so far, possibly none."""
+        """As `ByteSource.write`, to all senders so far; there may be none."""
         for peer in self._peers:
             try:
                 self._socket.sendto(content, peer)
@@ -225,7 +224,7 @@ class Udp:
                 self._socket.setsockopt(socket.SOL_SOCKET, option, value)
 
     def _receive(self) -> tuple[bytes, tuple[str, int]]:
-        """Receive one waiting datagram, and the count of dropped ones."""
+        """Receive one datagram that waits, and update the count of dropped ones."""
         if not self._is_counting:
             content, peer = self._socket.recvfrom(CHUNK_BYTES, NO_WAIT_FLAG)
             return content, peer
@@ -237,7 +236,7 @@ class Udp:
         return content, peer
 
     def reopen(self) -> None:
-        """Do nothing, as UDP has no connection."""
+        """Do nothing, since UDP has no connection."""
 
     def close(self) -> None:
         """As `ByteSource.close`."""
@@ -309,7 +308,7 @@ class StandardInput:
         self.is_done = False
 
     def read(self, timeout: float) -> bytes:
-        """As `ByteSource.read`; on Windows it waits without a limit."""
+        """As `ByteSource.read`; on Windows it may wait longer than the timeout."""
         if self.is_done:
             time.sleep(timeout)
             return b""
@@ -324,34 +323,34 @@ class StandardInput:
         return content
 
     def write(self, content: bytes) -> None:
-        """Do nothing, as there is no reader."""
+        """Do nothing, since nobody reads."""
 
     def reopen(self) -> None:
-        """Do nothing, as an ended pipe cannot be reopened."""
+        """Do nothing, since a pipe that has ended cannot be opened again."""
 
     def close(self) -> None:
-        """Do nothing, as standard input belongs to the program."""
+        """Do nothing, since standard input belongs to the program."""
 
 
 @dataclass(frozen=True, slots=True)
 class Disconnection:
-    """A step of `ScriptedSource`: the other end is disconnected."""
+    """A step of `ScriptedSource` in which the other end is disconnected."""
 
 
 @dataclass(frozen=True, slots=True)
 class Silence:
-    """A step of `ScriptedSource`: nothing arrives for a time."""
+    """A step of `ScriptedSource` in which nothing arrives for a time."""
 
     seconds: float
 
 
 class ScriptedSource:
-    """Bytes from a list, for tests and for playback; written bytes are stored.
+    """Bytes from a list, for tests and for playback. Bytes that are written to it are stored.
 
     Parameters
     ----------
     steps : iterable of bytes, `Disconnection` or `Silence`
-        One for each `read`.
+        One step for each call of `read`.
     is_framed : bool
         As in `ByteSource`.
     """
@@ -393,9 +392,9 @@ class ScriptedSource:
 def open_lines(
     *, port: str | None = None, baud: int = BAUD, udp: int | None = None, tcp: str | None = None
 ) -> Serial | Udp | Tcp:
-    """Open a source of lines: one of a serial port, a UDP port, and ``HOST:PORT`` of TCP.
+    """Open a source of lines: a serial port, a UDP port, or ``HOST:PORT`` of TCP.
 
-    `ANY_PORT` is the port of the only connected board, by `board_port`.
+    The port `ANY_PORT` is that of the only connected board, by `board_port`.
     """
     if udp is not None:
         return Udp(udp)
@@ -405,9 +404,9 @@ def open_lines(
 
 
 def open_link(address: str, baud: int = BAUD, *, what: str) -> Serial | Udp | Tcp:
-    """Open a link: ``udp:HOST:PORT``, ``udpout:HOST:PORT``, ``tcp:HOST:PORT`` or a serial port.
+    """Open a link by its address: ``udp:HOST:PORT``, ``udpout:HOST:PORT``, ``tcp:HOST:PORT`` or a serial port.
 
-    `what` is the name of the option in an error.
+    `what` is the name of the option, for errors.
     """
     kind, colon, rest = address.partition(":")
     match kind.casefold() if colon else "":
@@ -430,7 +429,7 @@ def open_link(address: str, baud: int = BAUD, *, what: str) -> Serial | Udp | Tc
 
 
 def host_and_port(text: str, what: str) -> tuple[str, int]:
-    """Split ``HOST:PORT``; the default host is this machine. `what` is the name of the option in an error.
+    """Split ``HOST:PORT``; without a host it is this machine. `what` is the name of the option, for errors.
 
     >>> host_and_port("logger.local:5760", "--tcp"), host_and_port(":5760", "--tcp")
     (('logger.local', 5760), ('127.0.0.1', 5760))
@@ -457,11 +456,11 @@ ADVICE: Final = {
     errno.EADDRNOTAVAIL: "no network card of this machine has that address; 0.0.0.0 listens on all",
     errno.ECONNREFUSED: "nobody listens there: start the program that sends, and check the port",
 }
-"""Advice for errors at opening."""
+"""Advice for errors when a source is opened."""
 
 
 def _opening_error(error: Exception) -> str:
-    """Reason why a source cannot be opened, with advice."""
+    """Why a source cannot be opened, with advice."""
     if isinstance(error, socket.gaierror):
         return "no such host: check the name, or give its number"
     if isinstance(error, TimeoutError):

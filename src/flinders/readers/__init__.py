@@ -12,9 +12,9 @@ tumble.csv: columns mag_x_mG, mag_y_mG, mag_z_mG in mG, time in t_s; comma-separ
 >>> read(tumble).field[0]
 array([ 21.7,   0.4, -58.6])
 
-A reader is a module of this package with its row in ``READERS`` at the end, by which `registry` finds it. It needs a
-sample in tests/samples.py; its line in docs/formats.md is made from the row. Other packages add rows through the entry
-points ``flinders.readers``. Their readers are tried first.
+A reader is a module of this package with a row in the ``READERS`` at its end; `registry` collects these rows. A reader
+needs a sample in tests/samples.py; its line in docs/formats.md is made from the row. Other packages add rows through
+the entry points ``flinders.readers``; their readers are tried first.
 """
 
 from __future__ import annotations
@@ -79,17 +79,17 @@ __all__ = [
 
 AnyPath: TypeAlias = "str | os.PathLike[str]"
 AnySource: TypeAlias = "AnyPath | IO[bytes] | IO[str] | Any"
-"""One recording: a path, an open file or a table. Types of frames are left out: their packages are optional."""
+"""One recording: a path, an open file or a table in memory. Data frames have no type: their packages are optional."""
 FileRecording: TypeAlias = TextRecording | TableRecording | Instrument
-"""A recording of one magnetometer, which has a file, a unit and a description of the recognised columns."""
+"""A recording of one magnetometer, with a file, a unit and a description of the recognised columns."""
 
 LAST_MODULE: Final = "text"
-"""The module that is tried last: it accepts every file that is not binary."""
+"""The module that is tried last, since it accepts every file that is not binary."""
 
 
 @cache
 def registry() -> tuple[Reader, ...]:
-    """All readers, in the order in which they are tried on a file; the first call imports their modules.
+    """All readers, in the order in which they are tried. The first call imports their modules.
 
     Raises `PluginError` for an installed package whose readers cannot be loaded.
     """
@@ -129,21 +129,21 @@ def open_recording(
         Three names, or numbers from 1, of the magnetometer's columns: ``["mx", "my", "mz"]``, ``"mx,my,mz"``,
         ``"4,5,6"``.
     pattern : str, optional
-        How a line of text with a reading is written, with names in place of its numbers, for a format that is not
+        Pattern of a line of text with a reading, with names in place of its numbers, for a format that is not
         recognised: ``"N {x} / {y} / {z}"``.
     unit : str, optional
         Unit of the columns if the file states none: ``uT``, ``mG``, ``G``, ``nT``, ``mT``, ``T`` or ``counts``.
     scale : float, optional
-        Microtesla in one count.
+        Microtesla per count.
     axes : str
-        Where each new axis comes from, such as ``"x,-y,-z"``.
+        Source of each new axis, such as ``"x,-y,-z"``.
     sensor : str, int or Choice, optional
         Magnetometer of a log, or of a table with several, by its number from 1 or its name. The default is the first,
         and the description then lists the others.
     topic : str, optional
         Name of a magnetometer: the member of an archive, or the topic of a bag.
     as_logged : bool
-        Read a log as it was logged. By default the calibration that was in force is removed.
+        Read the values of a log as they were logged. By default the calibration that the vehicle applied is removed.
     start, end : float, optional
         Read only the readings between these times, in seconds from the beginning of the recording or log.
     flat : str, optional
@@ -255,7 +255,7 @@ def open_log(
 def holds_log(
     path: AnyPath, *, columns: AnyColumns | None = None, pattern: str | None = None, topic: str | None = None
 ) -> bool:
-    """Tell whether a file has several magnetometers to choose from: a log, or a table of several; never for a pipe.
+    """Whether a file has several magnetometers to choose from: a log, or a table of several. A pipe never counts.
 
     Raises `UnreadableInput` for a file that does not exist or is of an unknown kind.
 
@@ -292,9 +292,9 @@ def read(
     auxiliary: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Samples:
-    """Read a whole recording into memory; parameters and errors as `open_recording`.
+    """Read a whole recording into memory. Parameters and errors are those of `open_recording`.
 
-    Columns that only some of several recordings have are left out.
+    Columns that not all of several recordings have are left out.
     """
     recording = open_recording(
         path,
@@ -317,7 +317,7 @@ def read(
 
 
 TABLE_OPTIONS: Final = ("columns", "unit", "scale", "axes", "flat", "choice", "progress")
-"""Options that every reader of tables takes."""
+"""Options that every reader of tables accepts."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -337,7 +337,7 @@ class _Options:
     flat: str | None = None
 
     def __post_init__(self) -> None:
-        """Check the types of options before the file is opened, so that an error is not blamed on the file."""
+        """Check the types of options before the file is opened, so that an error does not blame the file."""
         if not isinstance(self.columns, str | list | tuple | None):
             raise UsageError(f"columns are {self.columns!r}: need a text such as 'mx,my,mz', or a list of three names")
         for option in ("unit", "topic", "pattern", "flat"):
@@ -352,7 +352,7 @@ class _Options:
 
 
 def is_source(source: object) -> bool:
-    """Whether `open_recording` takes an object as one recording: a path, an open file, or a table in memory."""
+    """Whether an object is one recording for `open_recording`: a path, an open file, or a table in memory."""
     return isinstance(source, (str, os.PathLike)) or hasattr(source, "read") or is_frame(source)
 
 
@@ -375,7 +375,7 @@ def _open_source(source: AnySource, options: _Options, *, once: bool) -> FileRec
 
 
 def _open(file: Source, options: _Options) -> FileRecording:
-    """Open a file with the first reader that accepts its first bytes; of a log, choose the magnetometer."""
+    """Open a file with the first reader that accepts its first bytes; in a log, choose the magnetometer."""
     with _reading(file) as reader:
         if reader.log is not None:
             return _choose_instrument(_log_of(file, reader, options), options)
@@ -384,7 +384,7 @@ def _open(file: Source, options: _Options) -> FileRecording:
 
 @contextlib.contextmanager
 def _reading(file: Source) -> Iterator[Reader]:
-    """Find the reader of a file; turn foreign errors inside the block into errors of Flinders."""
+    """Find the reader of a file, and convert exceptions of other packages inside the block to errors of Flinders."""
     reader = _reader_of(file.name, file.head())
     with parser_errors(file.name, reader.title):
         yield reader
@@ -395,7 +395,7 @@ def _is_folder(path: AnyPath) -> bool:
 
 
 def _source_of(path: AnyPath, *, once: bool = False) -> Source:
-    """Find the file of a path; for a ROS folder, its description file, with the size of all files in it."""
+    """Find the file of a path; for a folder with a ROS recording, its description file, with the size of all files."""
     if not hasattr(path, "read") and _is_folder(path) and (description := _description_of(Path(path))):
         folder = description.parent
         size = sum(member.stat().st_size for member in folder.iterdir() if member.is_file())
@@ -404,7 +404,7 @@ def _source_of(path: AnyPath, *, once: bool = False) -> Source:
 
 
 def _description_of(folder: Path) -> Path | None:
-    """The file that describes a folder which is one recording; None for any other folder."""
+    """File that describes a folder, if the folder as a whole is one recording; None for any other folder."""
     names = (reader.folder_file for reader in registry() if reader.folder_file)
     files = (folder / name for name in names)
     return next((file for file in files if os.path.isfile(file)), None)  # noqa: PTH113 - as _is_folder
@@ -421,7 +421,7 @@ def _reader_of(name: str, head: bytes) -> Reader:
 
 
 def _table_of(file: Source, reader: Reader, options: _Options) -> TextRecording | TableRecording:
-    """Open the columns of one magnetometer; of several, the selected one."""
+    """Open the columns of one magnetometer in a table; if there are several, of the selected one."""
     if options.as_logged:
         raise UsageError(
             f"{file.name} does not record which corrections were applied: leave this out",
@@ -448,7 +448,7 @@ def _table_of(file: Source, reader: Reader, options: _Options) -> TextRecording 
 
 
 def _as_instrument(table: TextRecording | TableRecording) -> Instrument:
-    """Make an instrument of a log from the columns of a table; its notes name the columns if there are several."""
+    """Make an instrument of a log from the columns of a table; its notes name the columns if the table has several."""
     return Instrument(
         source=table.source,
         name=table.name or f"columns {', '.join(table.columns.field.names)}",
@@ -487,7 +487,7 @@ def _log_of(file: Source, reader: Reader, options: _Options) -> Log:
 
 
 def _start_time(columns: Columns) -> datetime | None:
-    """Start of a table in UTC, if its clock counts from 1970; else None."""
+    """Start of a table in UTC if its clock counts from 1970; None otherwise."""
     time = columns.time
     if time is None or not time.start:
         return None
@@ -498,7 +498,7 @@ def _start_time(columns: Columns) -> datetime | None:
 
 
 def _choose_instrument(log: Log, options: _Options) -> Instrument:
-    """Select the magnetometer that was asked for, or the first, with a list of the others."""
+    """Select the requested magnetometer, or the first one with a list of the others."""
     if options.choice.sensor is not None and options.topic is not None:
         raise UsageError(
             "sensor and topic both choose a magnetometer of the log: leave one of them out",

@@ -1,4 +1,4 @@
-"""Columns that the user asks for, by name or by number counted from 1.
+"""Columns that the user requests, by name or by number counted from 1.
 
 >>> places_of_columns("mx,my,MZ", ["t", "mx", "my", "mz"], 4), places_of_columns("2,3,4", [], 4)
 ((1, 2, 3), (1, 2, 3))
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def parse_columns(columns: AnyColumns, *, flat: bool = False) -> list[str]:
-    """Split the columns that the user asked for: three different names or numbers, or also two if `flat`."""
+    """Split the columns that the user requested: three different names or numbers; two are accepted if `flat`."""
     asked = parts_of(columns)
     count = len(asked)
     if not (count == 3 or (flat and count == 2)) or len({part.casefold() for part in asked}) != count:
@@ -35,7 +35,7 @@ def parse_columns(columns: AnyColumns, *, flat: bool = False) -> list[str]:
 
 
 def parts_of(columns: AnyColumns) -> list[str]:
-    """Split names and numbers.
+    """Split a list of columns into names and numbers.
 
     >>> parts_of("mx, my,mz"), parts_of([4, 5, "x, raw"])
     (['mx', 'my', 'mz'], ['4', '5', 'x, raw'])
@@ -44,7 +44,7 @@ def parts_of(columns: AnyColumns) -> list[str]:
 
 
 def places_of_columns(columns: AnyColumns, names: Sequence[str], width: int, *, flat: bool = False) -> tuple[int, ...]:
-    """Look up the places of the columns that the user asked for, by name or by number counted from 1."""
+    """Places of requested columns in a line; each is requested by name or by number counted from 1."""
     known = [name.strip() for name in names]
     places = tuple(_place(part, known, width) for part in parse_columns(columns, flat=flat))
     if len(set(places)) != len(places):
@@ -54,7 +54,7 @@ def places_of_columns(columns: AnyColumns, names: Sequence[str], width: int, *, 
 
 
 def with_acceleration(asked: str, names: Sequence[str], columns: Columns, width: int) -> Columns:
-    """Take the accelerometer's columns as the user asked, unless they are read as the magnetometer."""
+    """Columns with the requested accelerometer; raises an error if it is read as the magnetometer."""
     if not width:
         raise UsageError(f"acceleration {asked!r}: lines differ in length, so columns cannot be counted")
     own = column_of(ACCELERATION, places_of_columns(asked, names, width), names)
@@ -69,7 +69,7 @@ def with_acceleration(asked: str, names: Sequence[str], columns: Columns, width:
 
 
 def with_strength(asked: str, names: Sequence[str], columns: Columns, width: int) -> Columns:
-    """Take the field strength from the column that the user asked for, unless it is read as the magnetometer."""
+    """Columns with the requested field strength; raises an error if it is read as the magnetometer."""
     if not width:
         raise UsageError(f"scalar {asked!r}: lines differ in length, so columns cannot be counted")
     place = _place(asked, [name.strip() for name in names], width)
@@ -85,7 +85,7 @@ def with_strength(asked: str, names: Sequence[str], columns: Columns, width: int
 
 
 def _place(asked: str, names: list[str], width: int) -> int:
-    """Look up one column: by its exact name, by its name regardless of case, then by its number."""
+    """Place of one column: by its exact name, else by its name regardless of case, else by its number."""
     folded = [name.casefold() for name in names]
     for known, wanted in ((names, asked), (folded, asked.casefold())):
         if wanted in known:

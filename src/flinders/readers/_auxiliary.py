@@ -1,4 +1,4 @@
-"""Further columns of a recording that are read on request, by their names in the file."""
+"""Further columns of a recording, which are read on request by their names in the file."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 
 def with_auxiliary(recording: Recording, names: Iterable[str], *, are_needed: bool = True) -> Recording:
-    """A recording that also yields columns of these names; kinds that are always read are skipped.
+    """A recording that also yields the columns of these names; kinds that are always read are ignored.
 
-    Raises `InputError` for a missing column; without `are_needed` the column is left out instead.
+    Raises `InputError` for a missing column if `are_needed`; otherwise the column is left out.
 
     >>> from flinders.core.samples import Samples
     >>> samples = Samples.of([[1, 2, 3]], auxiliary={"wheel": [4.0]})
@@ -36,15 +36,15 @@ def with_auxiliary(recording: Recording, names: Iterable[str], *, are_needed: bo
 
 
 def missing_column(source: str, name: str, there: Sequence[str]) -> InputError:
-    """The error for a missing column; `there`: names of the existing ones."""
+    """Error for a missing column; `there` are the names of the existing columns."""
     has = f"its columns are {list_columns(list(there))}" if there else "its columns have no names: give them a header"
     return InputError(f"{source} has no column {name!r}{did_you_mean(name, there)}: {has}; give a name as it is there")
 
 
 def places_in(source: str, header: Sequence[str], names: Sequence[str], *, are_needed: bool) -> dict[str, int]:
-    """Places in a header of the columns with these names.
+    """Places of the columns with these names in a header.
 
-    Raises `InputError` for a missing name if `are_needed`; else the name is left out.
+    Raises `InputError` for a missing name if `are_needed`; otherwise the name is left out.
 
     >>> places_in("drive.csv", ["t", "mx", "wheel_rpm "], ["wheel_rpm"], are_needed=True)
     {'wheel_rpm': 2}

@@ -1,4 +1,4 @@
-"""Cells of a line, and their numbers.
+"""Cells of a line, and the numbers in them.
 
 >>> split("1;2,5;nan", ";"), parse_number("2,5", ","), parse_number("two", ".")
 (['1', '2,5', 'nan'], 2.5, None)
@@ -26,7 +26,7 @@ _BITS: Final = {2: 8, 4: 16, 6: 24, 8: 32}  # bits of a signed hexadecimal numbe
 
 
 def split(text: str, delimiter: str) -> list[str]:
-    """Split a line into cells, without quotes but with the spaces around them."""
+    """Split a line into cells; quotes are removed, spaces around cells are kept."""
     if text.endswith(CUT_MARK):
         return [text]
     if delimiter == SPACES:
@@ -40,12 +40,12 @@ def split(text: str, delimiter: str) -> list[str]:
 
 
 def quote_cell(cell: str) -> str:
-    """Quote a cell for a comma-separated table if needed."""
+    """Quote a cell for a comma-separated table if it needs quotes."""
     return '"' + cell.replace('"', '""') + '"' if any(sign in cell for sign in ',"\r\n') else cell
 
 
 def parse_number(cell: str, decimal: str) -> float | None:
-    """Parse a cell: NaN if it is empty or a missing value, None if it is text."""
+    """Parse a cell as a number: NaN for a missing value, None for text."""
     text = cell.strip()
     if decimal == ",":
         if text.endswith(","):
@@ -58,12 +58,12 @@ def parse_number(cell: str, decimal: str) -> float | None:
 
 
 def has_width(cells: list[str], width: int) -> bool:
-    """Tell whether a line has `width` cells; empty cells at its end are ignored."""
+    """Whether a line has `width` cells; empty cells at its end are ignored."""
     return len(cells) == width or (len(cells) > width and not any(cell.strip() for cell in cells[width:]))
 
 
 def decimal(number: str) -> str:
-    """Write a number in decimal: hexadecimal with a full set of digits as signed, overflow as ``nan``."""
+    """Write a number in decimal digits: a hexadecimal one of full width as signed, an overflow as ``nan``."""
     if number[-1:] in "fF" and number.lstrip("-+").casefold() in ("inf", "ovf"):
         return "nan"
     if "x" not in number and "X" not in number:
@@ -74,7 +74,7 @@ def decimal(number: str) -> str:
 
 
 def separate_numbers(text: str) -> str:
-    """Insert spaces between fixed-width decimals that a minus sign has joined."""
+    """Insert spaces between decimals of fixed width whose minus signs have joined them."""
     return (
         JOINED_DECIMALS.sub(lambda match: match[0][0] + match[0][1:].replace("-", " -"), text) if "-" in text else text
     )

@@ -20,23 +20,24 @@ MAX_NAMES: Final = 8  # magnetometers that a line names; an array may have dozen
 
 
 class Form(NamedTuple):
-    """Columns that were asked for in a table, and the features of a table of the same form."""
+    """Columns that a user requested in a table, with features by which a table of the same form is recognised."""
 
     field: tuple[str, ...]  # names, or numbers from 1
     width: int  # columns in a line
     names: tuple[str, ...]  # names in its header; none without a header
-    increasing: tuple[int, ...] = ()  # without a header, numbers of the columns that only rise: clocks and counters
+    # without a header: numbers of the columns that only rise, such as clocks and counters
+    increasing: tuple[int, ...] = ()
 
     @classmethod
     def of(cls, field: Sequence[str], names: Sequence[str], width: int, increasing: Iterable[int]) -> Self:
-        """The form of a table; `increasing` are places of the columns that only rise."""
+        """The form of a table; `increasing` are the places of columns that only rise."""
         own = tuple(name.strip() for name in names)
         return cls(tuple(field), width, own, () if own else tuple(place + 1 for place in increasing))
 
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """Selection of one of several magnetometers: by request, else the one that a calibration was made from.
+    """Selection of one of several magnetometers: the requested one, else the one of an earlier calibration.
 
     >>> second, preferred = Choice("2"), Choice(preferred="mag_right")
     >>> second.index_in(["mag_left", "mag_right"], "two.csv"), preferred.index_in(["mag"], "one.csv")
@@ -49,12 +50,12 @@ class Choice:
 
     sensor: str | None = None  # requested number from 1, or name
     preferred: str | None = None  # name of the magnetometer that a calibration was made from
-    is_name: bool = False  # whether `sensor` may name the only magnetometer of a table, which has no name itself
+    is_name: bool = False  # whether `sensor` may also be a name that the user gives to the only magnetometer of a table
     forms: tuple[Form, ...] = ()  # forms of the tables that a calibration was made from
 
     @classmethod
     def of(cls, sensor: str | int | None) -> Self:
-        """Selection by the user's input: a name, or a number from 1 as digits or as an integer.
+        """Selection of the sensor that the user typed: a name, or a number from 1.
 
         >>> Choice.of(2) == Choice("2")
         True
@@ -67,11 +68,11 @@ class Choice:
 
     @property
     def is_open(self) -> bool:
-        """Whether nothing was requested: the first is taken, and the others are listed."""
+        """Whether no magnetometer was requested. The first is then used, and the others are listed."""
         return self.sensor is None and self.preferred is None
 
     def remembered_columns(self, names: Sequence[str], width: int, increasing: Iterable[int]) -> str | None:
-        """Columns requested in an earlier table of the same form; None for another form, or if a sensor is requested.
+        """Columns that were requested in an earlier table of the same form; None if a sensor is requested now.
 
         >>> choice = Choice(forms=(Form(("2", "3", "4"), 7, (), (1,)),))
         >>> [choice.remembered_columns([], width, sensors) for width, sensors in ((7, [0]), (7, []), (6, [0]))]
@@ -82,7 +83,7 @@ class Choice:
         return next((",".join(form.field) for form in same if len(form.field) == len("xyz")), None)
 
     def index_in(self, names: Sequence[str], source: str) -> int:
-        """Index of the selected magnetometer in `names`; UsageError with the list of names if it is not among them."""
+        """Index of the selected magnetometer in `names`; raises `UsageError` with these names if it is missing."""
         wanted = self.preferred if self.sensor is None else self.sensor
         if wanted is None or (self.sensor is None and len(names) == 1):
             return 0
@@ -101,7 +102,7 @@ class Choice:
         raise UsageError(f"{what}: there {verb} {there or 'none'}")
 
     def refuse_alone(self, source: str) -> None:
-        """Raise an error if a sensor is requested in a table of one magnetometer."""
+        """Raise an error if a sensor is requested from a table of one magnetometer."""
         if self.sensor is not None and not self.is_name:
             raise UsageError(
                 f"{source} has one magnetometer: leave the sensor out, or choose it by its columns",
@@ -113,7 +114,7 @@ FIRST_SENSOR: Final = Choice()  # No selection: the first magnetometer
 
 
 def list_names(words: Sequence[str]) -> str:
-    """List numbers and names of magnetometers for a sentence, at most `MAX_NAMES`.
+    """List numbers and names of magnetometers in a sentence, at most `MAX_NAMES` of them.
 
     >>> list_names(["2 MAG2", "3 MAG3"])
     '2 MAG2, 3 MAG3'

@@ -1,7 +1,7 @@
-"""Dates and times of day, in cells of a table or in stamps before a line, converted to seconds.
+"""Conversion of dates and times of day to seconds, in cells of a table or in stamps before a line.
 
-The order of day and month is inferred from all cells of a column. A time without a date is counted from midnight, and
-continues to rise past the next midnight.
+The order of day and month is inferred from all cells of a column. A time without a date counts from midnight, and keeps
+rising past the next midnight.
 
 >>> clock = Clock.of([["22.11.2026 23:59:59,5"], ["23.11.2026 00:00:00,0"]], (0,))
 >>> clock.order, [clock.seconds([text]) for text in ("22.11.2026 23:59:59,5", "Nov 23, 2026 12:00:01 AM", "later")]
@@ -40,18 +40,19 @@ TIME_OF_DAY: Final = (
 )
 """A time of day; without hours, as in the ``mm:ss.0`` of spreadsheets, it has a fraction."""
 ZONE: Final = r"(?:\s?(?P<zone>Z|UTC|GMT|(?:UTC|GMT)?[-+]\d\d:?(?:\d\d)?)|\s[A-Z]{2,5})?(?:\[[^\]]*\])?"
-"""A time zone; a name such as ``CET`` is ignored, and its hours are counted as UTC."""
+"""A time zone. A name such as ``CET`` is ignored: its times are read as UTC."""
 DATE_AND_TIME: Final = re.compile(
     rf"\s*[\[(<'\"]?(?:{DATE}(?:T|[ ,;_]\s*|$|(?=[\])>'\"])))?(?:(?P<days>\d+)\s+days?,?\s+)?"
     rf"(?:{TIME_OF_DAY}{ZONE})?(?:\s+(?P<late>\d{{4}}))?[\])>'\"]?\s*"
 )
-"""A cell with a date, a time of day or both; ``ctime`` puts the year last, and a pandas timedelta counts days."""
+"""A cell with a date, a time of day or both. ``ctime`` puts the year last; a pandas timedelta starts with days."""
 PACKED_TIME: Final = re.compile(r"\s*(\d{4})(\d\d)(\d\d)[T_ ](\d\d)(\d\d)(\d\d)")  # ``20261122T044207.813Z``
 UNPADDED_TIME: Final = re.compile(
     r"\s*(\d{1,2}):(\d{1,2}):(\d{1,2}):(\d{1,3})\s*"
 )  # ``4:42:7:13``, the last in milliseconds
 FRACTION: Final = re.compile(r"\d{3}|\d{6}")  # of a second
-MIN_REPEATED_SHARE: Final = 0.2  # share of repeated whole seconds above which the next cell may hold their fraction
+# share of repeated whole seconds above which the next cell may hold the fraction of a second
+MIN_REPEATED_SHARE: Final = 0.2
 _SECONDS: Final = re.compile(r"(.*?\d:\d\d):(\d\d)(?:[.,](\d+))?((?:\s?[A-Za-z.+-].*)?)")
 """A time with seconds, and the text before and after them."""
 MONTHS: Final = {
@@ -59,20 +60,20 @@ MONTHS: Final = {
     "may": 5, "mai": 5, "jun": 6, "juin": 6, "giu": 6, "jul": 7, "juil": 7, "lug": 7, "aug": 8, "aoû": 8, "ago": 8,
     "sep": 9, "set": 9, "oct": 10, "okt": 10, "ott": 10, "nov": 11, "dec": 12, "dez": 12, "déc": 12, "dic": 12,
 }  # fmt: skip
-"""Number of the month, by the first letters of its name."""
-ORDERS: Final = ("dmy", "mdy", "ymd")  # of day, month and year; the first one is the default if a column is ambiguous
-FIRST_YEAR_OF_1900S: Final = 70  # two-digit years from this one on belong to the 1900s
+"""Number of a month, by the first letters of its name."""
+ORDERS: Final = ("dmy", "mdy", "ymd")  # orders of day, month and year; the first is the default for an ambiguous column
+FIRST_YEAR_OF_1900S: Final = 70  # first two-digit year that belongs to the 1900s
 DAY_S: Final = 86400.0
 HOUR_S: Final = 3600.0
-MIN_TIME_SHARE: Final = 0.5  # smallest share of times among the cells of a column of times
+MIN_TIME_SHARE: Final = 0.5  # smallest share of times among the cells of a time column
 EPOCH: Final = date(1970, 1, 1).toordinal()
 
 
 @dataclass(frozen=True, slots=True)
 class Clock:
-    """How one column of times, or a column of dates and one of times of day, is converted to seconds."""
+    """Conversion to seconds of one column of times, or of a column of dates with one of times of day."""
 
-    cells: tuple[int, ...]  # places of dates and times of day; the seconds are put in place of the last
+    cells: tuple[int, ...]  # places of dates and times of day; the seconds are stored at the last place
     order: str = "ymd"  # of day, month and year in numeric dates
     is_dated: bool = True
     period: float = DAY_S  # seconds after which a time without a date starts again
@@ -80,7 +81,7 @@ class Clock:
 
     @classmethod
     def of(cls, rows: Iterable[Sequence[str]], cells: tuple[int, ...]) -> Self:
-        """Infer the order of day and month from the dates of some rows."""
+        """Infer the order of day and month from the dates in some rows."""
         found = [match for row in rows if (match := _match(_join_cells(row, cells)))]
         is_dated = any(match["first"] or match["year"] or match["late"] for match in found)
         is_short = any(match["second"] is None and match["fraction"] for match in found)
@@ -89,15 +90,15 @@ class Clock:
 
     @property
     def cell(self) -> int:
-        """Place of its seconds in a row of numbers."""
+        """Place of the clock's seconds in a row of numbers."""
         return self.cells[-1]
 
     def seconds(self, row: Sequence[str]) -> float:
-        """Seconds of a row of cells, since 1970 or since midnight; NaN if it has no time."""
+        """Seconds of a row of cells, since 1970 or since midnight; NaN without a time."""
         return self.seconds_of(*(row[cell] for cell in self.cells if cell < len(row)))
 
     def seconds_of(self, *texts: str) -> float:
-        """Seconds of the cells that hold the time; NaN if they have no time."""
+        """Seconds of the cells that hold the time; NaN without a time."""
         text = _pad_milliseconds(" ".join(map(str.strip, texts)))
         parts = _SECONDS.fullmatch(text)
         if parts is None:
@@ -108,7 +109,7 @@ class Clock:
 
 
 def clocks_of(rows: Sequence[Sequence[str]], places: Iterable[int]) -> Iterator[Clock]:
-    """Find the text columns that are times: with a date, or a time of day paired with a column of dates."""
+    """Yield the text columns that are times: with dates, or times of day that are paired with a column of dates."""
     days: list[int] = []
     times: list[int] = []
     for place in places:
@@ -128,7 +129,7 @@ def clocks_of(rows: Sequence[Sequence[str]], places: Iterable[int]) -> Iterator[
 
 
 def _with_fraction(rows: Sequence[Sequence[str]], cells: tuple[int, ...]) -> tuple[int, ...]:
-    """Add the next cell if a decimal comma has moved the fraction of a time into it: ``04:42:07,813``."""
+    """Cells of a time, with the next cell if a decimal comma has moved the fraction there: ``04:42:07,813``."""
     after = cells[-1] + 1
     if not all(after < len(row) and FRACTION.fullmatch(row[after].strip()) for row in rows):
         return cells
@@ -163,13 +164,13 @@ def seconds_of(match: re.Match[str], order: str = "ymd") -> float | None:
 
 @dataclass(slots=True)
 class Midnights:
-    """Unwraps times of day at the end of the day, or of the hour."""
+    """Unwrapping of times at the end of the day, or of the hour."""
 
     clock: Clock | None
     last: float = math.nan  # the previous time, in seconds
 
     def unwrap(self, seconds: Floats) -> Floats:
-        """(N,) times in seconds, unwrapped past midnight; those of a clock with dates are returned unchanged."""
+        """(N,) times in s, continued past midnight; times of a clock with dates are unchanged."""
         known = np.flatnonzero(np.isfinite(seconds))
         if self.clock is None or self.clock.is_dated or not len(known):
             return seconds
@@ -187,7 +188,7 @@ def _join_cells(row: Sequence[str], cells: tuple[int, ...]) -> str:
 
 @lru_cache(64)
 def _minute(before: str, behind: str, order: str) -> int | None:
-    """Start of a minute in seconds, from the text around its seconds; cached, since parsing it is slow."""
+    """Start of a minute in s, from the text around the seconds; cached, since parsing is slow."""
     seconds = _seconds(f"{before}:00{behind}", order)
     return None if math.isnan(seconds) else int(seconds)
 
@@ -199,25 +200,25 @@ def _seconds(text: str, order: str) -> float:
 
 
 def _pad_milliseconds(text: str) -> str:
-    """A time of day with a colon before its milliseconds, filled up with zeros."""
+    """A time of day whose milliseconds, after a colon, are padded to three digits."""
     match = UNPADDED_TIME.fullmatch(text) if text.count(":") == 3 else None
     return f"{match[1]}:{match[2]:0>2}:{match[3]:0>2}.{match[4]:0>3}" if match else text
 
 
 def _are_parts(texts: Sequence[str]) -> bool:
-    """Tell whether the numbers after a third colon are no milliseconds: they never have three digits."""
+    """Whether the numbers after the third colon are not milliseconds: none of them has three digits."""
     parts = [match[4] for text in texts if (match := UNPADDED_TIME.fullmatch(text))]
     return bool(parts) and max(map(len, parts)) < 3
 
 
 def _match(text: str) -> re.Match[str] | None:
-    """Match a cell that is a date, a time of day or both, and nothing else."""
+    """Match of a cell that is a date, a time of day or both, and nothing else; None for other cells."""
     match = DATE_AND_TIME.fullmatch(PACKED_TIME.sub(r"\1-\2-\3T\4:\5:\6", _pad_milliseconds(text)))
     return match if match and (match["hour"] or match["first"] or match["month"]) else None
 
 
 def _day_of(parts: dict[str, str | None], order: str) -> int | None:
-    """Days from 1970 to the date of a match; 0 without a date or year, None if the day does not exist."""
+    """Days from 1970 to the date of a match; 0 without a date or year, None for a day that does not exist."""
     first, middle, last = parts["first"], parts["middle"] or parts["named"], parts["last"]
     year, month, day = parts["year"] or parts.get("late"), parts["month"], parts["day"]
     if month and day:
@@ -244,7 +245,7 @@ def _day(year: str, month: str, day: str) -> int | None:
 
 @lru_cache(64)
 def _zone(zone: str | None) -> int:
-    """Seconds by which a zone is ahead of UTC."""
+    """Seconds by which the local time of a zone is ahead of UTC."""
     digits = re.sub(r"\D", "", zone or "")
     if not digits:
         return 0
@@ -253,9 +254,10 @@ def _zone(zone: str | None) -> int:
 
 
 def order_of(found: Sequence[re.Match[str]]) -> tuple[str, bool]:
-    """Infer the order of day, month and year in numeric dates, and whether it is the only possible one.
+    """Order of day, month and year in numeric dates, and whether no other order is possible.
 
-    Of several, prefer the one whose dates ascend within the fewest days; with AM or PM, the month is first.
+    Of several possible orders, the one with ascending dates within the fewest days is chosen. With AM or PM, the month
+    comes first.
     """
     dates = {match.group("first", "middle", "last"): match for match in found if match["middle"]}
     if not dates or any(len(first) == 4 for first, _, _ in dates):

@@ -1,4 +1,4 @@
-"""Choice of the magnetometer's columns in a table: by request, else by name, else by position.
+"""Choice of the magnetometer's columns in a table: by request, by name, or by position.
 
 >>> import numpy as np
 >>> values = np.array([[0.0, 20, -3, 41], [0.1, 21, -4, 40], [0.2, 20, -5, 42]])
@@ -55,10 +55,10 @@ def choose(
     devices: Sequence[Device] = (),
     is_told: bool = False,
 ) -> Columns | None:
-    """Choose columns by request, else by name, else by position; None if none of these is conclusive.
+    """Choose columns by request, else by name, else by position; None if none of these identifies them.
 
-    `heading` describes the header of a table without usable names; `quoted` and `cells` are its first line of readings.
-    `is_told` states that a word in each row names its sensor.
+    `heading` describes the header of a table without usable names. `quoted` and `cells` are its first line of readings,
+    as text and as cells. `is_told` says that a word in each row names the sensor of that row.
     """
     width = values.shape[1]
     axes = [] if names or asked else axes_of(values)
@@ -89,7 +89,7 @@ def choose(
 
 
 def _columns_of_level_turn(flat: str, names: Sequence[str], width: int, axes: Sequence[int]) -> str | None:
-    """The columns of a level turn if clear: the only two, those named as its axes, or the only two possible axes."""
+    """Columns of a level turn if they are clear: the only two, the two named as its axes, or the only possible axes."""
     if width == 2:
         return "1,2"
     if set(flat) <= set(names):
@@ -98,13 +98,13 @@ def _columns_of_level_turn(flat: str, names: Sequence[str], width: int, axes: Se
 
 
 def _mark_assumed(columns: Columns) -> Columns:
-    """Mark columns as assumed if neither their names nor a unit identify a magnetometer."""
+    """Mark columns as assumed if neither their names nor a unit show that they are a magnetometer's."""
     is_bare = all(name.isdecimal() or meaning(name).is_bare for name in columns.field.names)
     return replace(columns, is_assumed=is_bare and not columns.unit)
 
 
 def _of_devices(columns: Columns, devices: Sequence[Device]) -> Columns:
-    """Columns for each of several devices, whose rows another column distinguishes."""
+    """Columns for each of several devices, whose rows are distinguished by another column."""
     made = tuple(
         replace(each, device=device, name=", ".join(filter(None, (device.name, each.name))), magnetometers=())
         for device in devices
@@ -117,7 +117,7 @@ def _of_devices(columns: Columns, devices: Sequence[Device]) -> Columns:
 
 
 def _refuse_two(axes: Sequence[int], width: int, source: str, quoted: str) -> None:
-    """Raise an error for a table without header in which only two columns may be axes."""
+    """Raise an error for a table without a header in which only two columns can be axes."""
     if len(axes) == 2:
         others = ", ".join(str(place + 1) for place in range(width) if place not in axes)
         left = " and ".join(str(place + 1) for place in axes)
@@ -128,7 +128,7 @@ def _refuse_two(axes: Sequence[int], width: int, source: str, quoted: str) -> No
 
 
 def _refuse_unclear(names: Sequence[str], values: Floats, source: str, heading: str, cells: Sequence[str]) -> None:
-    """Raise an error if names show no magnetometer, but other fields, or if only values show one."""
+    """Raise an error if only values show a magnetometer, or if the names show fields but no magnetometer."""
     others = [each for each in vectors(names, list(map(meaning, names)), FIELD) if each.instead]
     if others:
         what = list_names([f"{each.whole} ({each.instead})" for each in others])
@@ -152,7 +152,7 @@ def _refuse_unclear(names: Sequence[str], values: Floats, source: str, heading: 
 def _keep_name(
     columns: Columns, magnetometers: Sequence[Columns], choice: Choice, asked: AnyColumns, source: str
 ) -> Columns:
-    """Keep the magnetometer's name of requested columns, or clear it for a name that the user gives."""
+    """Columns with the name of the requested magnetometer; the name is removed if the user gives one."""
     if choice.sensor is None:
         return columns
     if not choice.is_name:
@@ -175,7 +175,7 @@ def _keep_name(
 
 
 def _choose_magnetometer(columns: Columns, choice: Choice, source: str) -> Columns:
-    """Select the requested magnetometer; by default the first, with the names of the others."""
+    """Columns of the requested magnetometer, or else of the first one with the names of the others."""
     if not columns.magnetometers:
         choice.refuse_alone(source)
         return columns

@@ -1,4 +1,4 @@
-"""Columns of a table that are read: the magnetometer's, its unit, and the auxiliary columns.
+"""Columns that are read from a table: those of the magnetometer with its unit, and auxiliary ones.
 
 >>> field = column_of("field", (1, 2, 3), ["t_s", "mx", "my", "mz"])
 >>> columns = Columns(field, auxiliary=(column_of("time", (0,), ["t_s"]),))
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from flinders.readers._source import Source
 
 Values: TypeAlias = "NDArray[np.floating] | Sequence[NDArray[np.floating]]"
-"""(N,) numbers of each column that is read."""
+"""(N,) numbers of each column that is read, as a table or as a list of columns."""
 MOTOR_KINDS: Final = (CURRENTS, THROTTLES)  # kinds that may have a column for each motor
 SAMPLE_KINDS: Final = COLUMNS[1:]  # kinds of auxiliary columns in `Samples`
 # functions that set values out of range to NaN
@@ -55,15 +55,15 @@ VALIDATORS: Final = {THROTTLE: throttle_shares, THROTTLES: throttle_shares, ATTI
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One column, three of one sensor, or one for each motor."""
+    """One column, the three columns of one sensor, or one column for each motor."""
 
-    kind: str  # as in `Meaning`
+    kind: str  # kind of quantity, as in `Meaning`
     cells: tuple[int, ...]  # places in a line, counted from 0: x, y, z, or motor by motor
-    names: tuple[str, ...]  # as in the header, or numbers counted from 1
+    names: tuple[str, ...]  # names in the header, or numbers counted from 1
     factor: float = 1.0  # from its unit to the internal unit
-    start: float = 0.0  # subtracted before scaling, in its own unit
-    unit: str = ""  # unit of a field strength, if its name states one; else that of the field
-    axes: tuple[int, ...] = (0, 1, 2)  # axes of the two columns of a level recording; the third axis is 0
+    start: float = 0.0  # zero point in the column's own unit, which is subtracted before scaling
+    unit: str = ""  # unit of a field strength, if its name states one; otherwise it has the unit of the field
+    axes: tuple[int, ...] = (0, 1, 2)  # for the two columns of a level recording: their axes; the third axis reads 0
     clock: Clock | None = None  # clock of a time that is not numeric
 
 
@@ -72,61 +72,62 @@ class Columns:
     """The columns of a table that are read."""
 
     field: Column  # the magnetometer
-    unit: str = ""  # its unit by the header, or by convention of the format
-    stated: bool = False  # whether the unit is in the header, and must not be contradicted
-    auxiliary: tuple[Column, ...] = ()  # at most one of each other kind
+    unit: str = ""  # unit of the field by the header, or by convention of the format
+    stated: bool = False  # whether the header states the unit, so that the user cannot give another one
+    auxiliary: tuple[Column, ...] = ()  # auxiliary columns, at most one of each kind
     left_out: tuple[str, ...] = ()  # recognised columns that cannot be used, each with the reason
     unread_time: str = ""  # names of columns that look like a time, if none is read
     name: str = ""  # name of one of several magnetometers in a table
     magnetometers: tuple[Columns, ...] = ()  # columns of each of several magnetometers, in order
     others: tuple[str, ...] = ()  # numbers and names of the other magnetometers, if none was selected
-    passed_over: tuple[str, ...] = ()  # sensors with names like a magnetometer's that are none, with their kind
+    # sensors whose names resemble a magnetometer's but which are none, with their kind
+    passed_over: tuple[str, ...] = ()
     form: Form | None = None  # form of the table, if the columns were requested
-    # readings after a reset pulse, if `field` is after a set pulse
+    # readings after a reset pulse, if `field` has those after a set pulse
     reset: Column | None = None
     own_offset: tuple[
         float, ...
     ] = ()  # offset of a sensor with set and reset, (3,) in its unit, from the first rows: (set + reset) / 2
-    device: Device | None = None  # device whose rows are read, if a column distinguishes several
-    is_assumed: bool = False  # neither the names nor the user identify the columns as a magnetometer's
+    device: Device | None = None  # device whose rows are read, if a column distinguishes several devices
+    is_assumed: bool = False  # whether neither the names nor the user say that the columns are a magnetometer's
 
     @property
     def time(self) -> Column | None:
-        """Time of each reading, if known."""
+        """Column of the time of each reading; None if there is none."""
         return self.of_kind(TIME)
 
     @property
     def clock(self) -> Clock | None:
-        """Clock of a time that is not numeric."""
+        """Clock of a time that is not numeric; None for other times."""
         return self.time.clock if self.time else None
 
     def of_kind(self, kind: str) -> Column | None:
-        """Find the column of a kind."""
+        """Column of a kind; None if there is none."""
         return next((column for column in self.auxiliary if column.kind == kind), None)
 
     def with_only(self, *kinds: str) -> Columns:
-        """Columns of the field, and auxiliary columns of these kinds only."""
+        """Columns of the field, with auxiliary columns of these kinds only."""
         return replace(self, auxiliary=tuple(column for column in self.auxiliary if column.kind in kinds))
 
     @cached_property
     def cells(self) -> tuple[int, ...]:
-        """All places in a line that are read, in order."""
+        """Places in a line that are read, in order."""
         columns = (self.field, *self.auxiliary, *filter(None, [self.reset]))
         return tuple(sorted({cell for column in columns for cell in column.cells}))
 
     def with_auxiliary(self, names: Iterable[str], places: Iterable[int]) -> Columns:
-        """Columns with requested auxiliary ones, by their names and places; also for each of several magnetometers."""
+        """Columns with further auxiliary ones, by name and place; also for each of several magnetometers."""
         asked = tuple(Column(AUXILIARY, (place,), (name,)) for name, place in zip(names, places, strict=True))
         several = tuple(replace(each, auxiliary=(*each.auxiliary, *asked)) for each in self.magnetometers)
         return replace(self, auxiliary=(*self.auxiliary, *asked), magnetometers=several)
 
     @property
     def needed_cells(self) -> frozenset[int]:
-        """Places without which a line cannot be used: the field, in both polarities if there are two."""
+        """Places that a usable line must have: those of the field, in both polarities if two are recorded."""
         return frozenset((*self.field.cells, *(self.reset.cells if self.reset else ())))
 
     def with_strength_in(self, unit: Unit) -> Columns:
-        """Scale the field strength to the unit of the field; leave it out if the units are incompatible."""
+        """Scale the field strength to the unit of the field; it is left out if the units are incompatible."""
         strength = self.of_kind(STRENGTH)
         if strength is None or not strength.unit:
             return self
@@ -137,20 +138,20 @@ class Columns:
         return replace(self, auxiliary=others, left_out=(*self.left_out, reason))
 
     def in_stated_unit(self, unit: str) -> Columns:
-        """Columns in a unit that the table states outside its names; a unit in the names has priority."""
+        """Columns in a unit that the table states outside its names; a unit in a name takes precedence."""
         told = self if self.unit else replace(self, unit=unit, stated=True, is_assumed=False)
         return replace(told, magnetometers=tuple(each.in_stated_unit(unit) for each in self.magnetometers))
 
     def with_given_unit(self, unit: str | None, scale: float | None) -> Columns:
-        """Columns that are no longer assumed, if the user states the unit."""
+        """Columns that no longer count as assumed if the user gives the unit."""
         return self if unit is None and scale is None else replace(self, is_assumed=False)
 
     def values_of_column(self, values: Values, column: Column) -> Floats:
-        """(N, k) numbers of a column, taken from the values of `cells`."""
+        """(N, k) numbers of a column, from the values of the places in `cells`."""
         return np.stack([values[self.cells.index(cell)] for cell in column.cells], axis=1, dtype=np.float64)
 
     def readings(self, values: Values) -> Floats:
-        """(N, 3) field as recorded, from the values of `cells`; half of set minus reset, if both are recorded."""
+        """(N, 3) field as recorded, from the values of `cells`; half of set minus reset if both are recorded."""
         field = self.values_of_column(values, self.field)
         if self.reset is not None:
             field = (field - self.values_of_column(values, self.reset)) / 2.0
@@ -161,7 +162,7 @@ class Columns:
         return field
 
     def describe(self, unit: str) -> str:
-        """Describe the columns and unit that are read, with the name of one of several magnetometers."""
+        """Describe the columns and the unit that are read, with the magnetometer's name if there are several."""
         return f"{f'{self.name}, ' if self.name else ''}{self.contents(unit)}"
 
     def contents(self, unit: str) -> str:
@@ -174,7 +175,7 @@ class Columns:
         return f"columns {', '.join(self.field.names)}{less}{known} in {unit}{time}{rows}"
 
     def remarks(self) -> list[str]:
-        """Remarks on columns left out, other magnetometers, and sensors with similar names."""
+        """Remarks on columns that are left out, on other magnetometers, and on sensors with similar names."""
         parts = [f"left out {', '.join(self.left_out)}"] * bool(self.left_out)
         own = ", ".join(figures(value) for value in self.own_offset)
         parts += [f"the sensor's own offset, (set + reset) / 2, was {own} at the beginning"] * bool(own)
@@ -193,7 +194,7 @@ class Columns:
     ) -> Samples:
         """Make samples from the values of `cells`: the field, and auxiliary columns in the units of `Samples`.
 
-        `words`: (N,) columns of words that were asked for, by name.
+        `words` are the requested columns of words, (N,) each, by name.
         """
         field = self.readings(values)
         asked = {each.names[0]: self._values_of(values, each) for each in self.auxiliary if each.kind == AUXILIARY}
@@ -211,7 +212,7 @@ class Columns:
         )
 
     def _values_of(self, values: Values, column: Column) -> Floats:
-        """Values of a column in the unit of `Samples`; NaN for invalid ones."""
+        """Values of a column in the unit of `Samples`; invalid values become NaN."""
         kind = column.kind
         with np.errstate(over="ignore", invalid="ignore"):
             recorded = self.values_of_column(values, column)
@@ -225,12 +226,12 @@ class Columns:
 
 
 def column_of(kind: str, cells: Sequence[int], names: Sequence[str]) -> Column:
-    """A column with its name in the header, or its number counted from 1 if it has none."""
+    """A column with its name in the header; without a name, with its number counted from 1."""
     return Column(kind, tuple(cells), tuple((names[cell].strip() if names else "") or str(cell + 1) for cell in cells))
 
 
 class ColumnsRecording:
-    """Common base of recordings of columns, in text or other tables."""
+    """Base of recordings that consist of columns, as text or as another table."""
 
     file: Source
     source: str  # name of the file
@@ -242,16 +243,16 @@ class ColumnsRecording:
 
     @property
     def name(self) -> str:
-        """Name of the magnetometer, if it is one of several."""
+        """Name of the magnetometer, if the table has several; empty otherwise."""
         return str(self.columns.name)
 
     @property
     def states_unit(self) -> bool:
-        """Whether the unit is in the names, or was given by the user."""
+        """Whether the unit is stated in the names or given by the user."""
         return bool(self.columns.stated) or self.is_unit_given
 
     def with_columns(self, columns: Columns, unit: str | None, scale: float | None) -> Self:
-        """The recording of these columns, in the unit of their names or of the user."""
+        """The recording of these columns, in the unit that their names state or the user gives."""
         raise NotImplementedError
 
     def written(self) -> str:
@@ -269,7 +270,7 @@ class ColumnsRecording:
     __str__ = describe
 
     def contents(self, *, is_named: bool = True) -> str:
-        """Describe the columns without the file name; unless `is_named`, also without the magnetometer's name."""
+        """Describe the columns without the file name; unless `is_named`, without the magnetometer's name too."""
         unit = f"counts of {self.unit.scale:g} µT" if self.unit.name == COUNTS != self.unit.inside else self.unit.name
         columns = self.columns.describe(unit) if is_named else self.columns.contents(unit)
         parts = [columns, self.written()]
@@ -278,7 +279,7 @@ class ColumnsRecording:
 
 
 def unit_of(columns: Columns, name: str, unit: str | None, scale: float | None) -> Unit:
-    """Choose the unit by header and user; UnitError if they contradict each other."""
+    """Unit that the header states or the user gives; raises `UnitError` if they contradict each other."""
     if unit is not None:
         chosen = Unit.of(unit, scale)
         if columns.stated and chosen.name != columns.unit:

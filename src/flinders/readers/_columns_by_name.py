@@ -1,4 +1,4 @@
-"""Choice of a table's columns by the names in its header, the units below them and the first rows.
+"""Choice of a table's columns by the names in its header, the units below the names and the first rows.
 
 >>> chosen = by_name(["t_s", "mag_x_mG", "mag_y_mG", "mag_z_mG"], np.zeros((2, 4)))
 >>> chosen.field.cells, chosen.field.names, chosen.unit, chosen.time.names
@@ -54,19 +54,21 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.readers._clock import Clock
 
-SHARES: Final = ("share", "percent", "pct", "%")  # units of a throttle from 0 to full; pulses start at `REST_US`
+# units of a throttle that is 0 when closed; pulse widths start at `REST_US` instead
+SHARES: Final = ("share", "percent", "pct", "%")
 REST_US: Final = 1000.0  # pulse width for zero throttle, in µs; full throttle is 1000 µs more
 PULSES_US: Final = (800.0, 2200.0)  # shortest and longest pulse width, in µs
 UNNAMED_TIME_RANK: Final = 9  # rank of a time whose name is not recognised
 NANOSECONDS: Final = re.compile(r"(.*?)(?:n|nano)(secs?)\b(.*)", re.IGNORECASE)
-"""Name of a column of nanoseconds, next to one of whole seconds, as in ROS messages."""
+"""Name of a column with the nanoseconds of a time, next to one of whole seconds, as in ROS messages."""
 ONBOARD_COLUMN: Final = re.compile(r"(?:Ofs|MO)[XYZ]")
-"""Columns of the message ``MAG`` of a flight log: offsets of the compass and of the motors' current."""
+"""Columns of the message ``MAG`` in a flight log: offsets of the compass, and of the motors' current."""
 ROS_ENDINGS: Final = ("magnetic_field.x", "magnetic_field/x")  # endings of names that sensor_msgs defines in tesla
-# ratio of spreads, set plus reset over their difference, above which the reset is negated
+# Ratio of two spreads above which the reset readings have the opposite sign: that of set plus reset, and that of their
+# difference
 MIN_TURNED_RATIO: Final = 3.0
 RAW_NAME: Final = re.compile(r"raw|uncal", re.IGNORECASE)
-"""Part of a name that marks uncorrected readings."""
+"""Part of a name that marks readings without correction."""
 
 
 def by_name(
@@ -76,9 +78,9 @@ def by_name(
     units: Sequence[str] = (),
     clocks: Sequence[Clock] = (),
 ) -> Columns | None:
-    """Choose columns by header, units and first rows: the first magnetometer, which also lists all of several.
+    """Choose columns by header, units and first rows: those of the first magnetometer, with a list of all.
 
-    For pairs such as ``mag_x_set`` and ``mag_x_reset``, half their difference is read.
+    Of pairs such as ``mag_x_set`` and ``mag_x_reset``, half the difference is read.
 
     >>> pairs = by_name(["x_set", "y_set", "z_set", "x_reset", "y_reset", "z_reset"], np.array([[9, 1, 5, -5, 3, -1]]))
     >>> pairs.reset.cells, pairs.own_offset
@@ -94,7 +96,7 @@ def by_name(
 
 
 def _with_pairs(columns: Columns, names: Sequence[str], values: Floats, pairs: Mapping[int, int]) -> Columns:
-    """Columns, also of each of several magnetometers, with the readings of the other polarity."""
+    """Columns with the readings of the other polarity, for the magnetometer and for each of several."""
     several = tuple(_with_pairs(each, names, values, pairs) for each in columns.magnetometers)
     columns = replace(columns, magnetometers=several)
     if not set(columns.field.cells) <= set(pairs):
@@ -118,7 +120,7 @@ def _spread(values: Floats) -> float:
 def _by_name(
     names: Sequence[str], values: Floats, wanted: Sequence[int], units: Sequence[str], clocks: Sequence[Clock]
 ) -> Columns | None:
-    """Choose columns by a header without set and reset pairs."""
+    """Choose columns by a header without pairs of set and reset."""
     meanings = [meaning(name) for name in names]
     for place, unit in enumerate(units[: len(names)]):  # from a row below the header
         if unit and not meanings[place].unit:
@@ -160,14 +162,14 @@ def _by_name(
 
 
 def _on_board(names: Sequence[str]) -> str:
-    """Name the columns of the on-board calibration of a flight log, whose readings it has already corrected."""
+    """Name the columns with the onboard calibration in a flight log, whose readings are already corrected by it."""
     own = [name.strip() for name in names if ONBOARD_COLUMN.fullmatch(name.strip())]
     is_there = len(own) >= len("xyz") and "MagX" in names
     return f"{', '.join(own)} (the on-board calibration, already applied to MagX unless it is 0)" if is_there else ""
 
 
 def _incomplete(header: _Header, sensors: Sequence[Vector]) -> str:
-    """Name columns that are only some axes of another magnetometer; empty if there are none, or just one."""
+    """Name the columns of a magnetometer of which some axes are missing; empty if there is no such magnetometer."""
     known = {place for sensor in sensors for place in sensor.cells}
     named = zip(header.names, header.meanings, strict=True)
     parts = [
@@ -209,12 +211,12 @@ class _Header:
         )
 
     def _unit_of(self, cell: int) -> str:
-        """The field unit in a column's name, also for requested columns of another kind."""
+        """Unit of the field in the name of a column, even if the column was requested as another quantity."""
         known = self.meanings[cell]
         return known.unit if known.kind == FIELD else unit_of_field(self.names[cell]) if not known.kind else ""
 
     def unread_time(self) -> str:
-        """Names of the columns that look like a time but are not read as one."""
+        """Names of columns that look like a time but are not read as the time."""
         timed = [place for place, name in enumerate(self.names) if is_like_time(name) and not self.meanings[place].axis]
         known = [place for place in timed if self.meanings[place].kind == TIME or not is_numeric(self.values[:, place])]
         return ", ".join(self.names[place].strip() for place in known)
@@ -239,7 +241,7 @@ class _Header:
                     self._leave_out(other.whole, other.instead)
 
     def with_factor(self, column: Column) -> Column:
-        """Set the factor and start of a column from its unit."""
+        """Column with the factor and the zero point of its unit."""
         first = column.cells[0]
         unit = self.meanings[first].unit
         if column.kind == TIME:
@@ -249,7 +251,7 @@ class _Header:
         return replace(column, factor=factor, start=start, unit=unit if column.kind == STRENGTH else "")
 
     def scalar(self, kind: str, field: Floats) -> Column | None:
-        """Find the best usable column of a kind without axes, such as a time or temperature."""
+        """Best usable column of a kind without axes, such as a time or a temperature; None if there is none."""
         places = [place for place, known in enumerate(self.meanings) if known.kind == kind and not known.axis]
         parted = {place for place in places if kind == TIME and self._has_nanoseconds(place)}
         for place in sorted(places, key=lambda place: self.meanings[place].rank):
@@ -268,13 +270,13 @@ class _Header:
         return None
 
     def _clock_column(self, place: int) -> Column:
-        """A non-numeric time column, with the column of its dates if they are separate."""
+        """Column of a time that is not numeric, together with the column of its dates if this is separate."""
         clock = self.clocks[place]
         named = [cell for cell in clock.cells if self.names[cell].strip()] or clock.cells
         return replace(column_of(TIME, named, self.names), cells=(place,), clock=clock)
 
     def _has_nanoseconds(self, place: int) -> bool:
-        """Tell whether a column has whole seconds and the next one their nanoseconds."""
+        """Whether a column has whole seconds and the next column their nanoseconds."""
         following = NANOSECONDS.fullmatch(self.names[place + 1].strip()) if place + 1 < len(self.names) else None
         if following is None or not is_numeric(self.values[:, place + 1]):
             return False
@@ -284,7 +286,7 @@ class _Header:
         return is_under_heading or own == f"{stem}{seconds}{rest}".casefold()
 
     def motors(self, kind: str) -> Column | None:
-        """Find the columns of the single motors, in order from the first motor."""
+        """Columns of the single motors, in order of their numbers; None if there are none."""
         cells = {int(known.axis): place for place, known in enumerate(self.meanings) if known.kind == kind}
         if not cells:
             return None
@@ -309,7 +311,7 @@ class _Header:
 
 
 def _by_convention(names: Sequence[str], field: tuple[int, ...]) -> str:
-    """The unit that a known format implies: ROS messages, or the app Sensor Logger."""
+    """Unit that a known format implies: ROS messages, or the app Sensor Logger; empty for other formats."""
     first = names[field[0]].casefold()
     is_printed = first == "magnetic_field x" and any(name.startswith("magnetic_field_covariance") for name in names)
     if is_printed or first.endswith(ROS_ENDINGS):
@@ -318,6 +320,6 @@ def _by_convention(names: Sequence[str], field: tuple[int, ...]) -> str:
 
 
 def _are_pulses(values: Floats) -> bool:
-    """Tell whether numbers are pulse widths for a speed controller, in µs."""
+    """Whether numbers are pulse widths for a motor's speed controller, in µs."""
     finite = values[np.isfinite(values)]
     return len(finite) > 0 and bool(np.all((finite >= PULSES_US[0]) & (finite <= PULSES_US[1])))

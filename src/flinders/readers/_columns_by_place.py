@@ -1,4 +1,4 @@
-"""Choice of a table's columns without header: three numbers are x, y and z, and a column that only rises is the time.
+"""Choice of a table's columns without a header: three numbers are x, y and z, and a column that only rises is the time.
 
 >>> chosen = by_place(np.array([[0.0, 20, -3, 41], [0.1, 21, -4, 40], [0.2, 20, -5, 42]]))
 >>> chosen.field.names, chosen.time.names
@@ -34,10 +34,10 @@ if TYPE_CHECKING:
 def by_place(
     values: Floats, wanted: Sequence[int] = (), clocks: Sequence[Clock] = (), sensor: Device | None = None
 ) -> Columns | None:
-    """Choose columns without header: three next to a time are x, y, z; of four, an ascending first one is the time.
+    """Choose columns without a header: three numbers next to a time are x, y and z.
 
-    A column that only rises is no axis; next to the `wanted` ones it is the time. If a word in each row names the
-    `sensor`, constant columns are no axes either.
+    Of four columns, an ascending first one is the time. A column that only rises is not an axis; next to the `wanted`
+    columns it is the time. If a word in each row names the `sensor`, constant columns are not axes either.
     """
     told = {cell for clock in clocks for cell in clock.cells}
     parted = seconds_and_nanoseconds(values)
@@ -59,7 +59,7 @@ def by_place(
 def _time_by_place(
     values: Floats, field: Sequence[int], clocks: Sequence[Clock], parted: Sequence[int]
 ) -> tuple[Column | None, str]:
-    """The time column of a table without header, and the reason if it cannot be used."""
+    """Time column of a table without a header, and the reason if it cannot be used."""
     if clocks:
         column = replace(column_of(TIME, clocks[0].cells, ()), cells=(clocks[0].cell,), clock=clocks[0])
         times = values[:, clocks[0].cell]
@@ -76,13 +76,13 @@ def _time_by_place(
 
 
 def axes_of(values: Floats) -> list[int]:
-    """Places of the unnamed columns that may be an axis: numeric, changing, and not only rising."""
+    """Places of unnamed columns that may be an axis: they are numeric, they change, and they do not only rise."""
     changing = [place for place, column in enumerate(values.T) if is_numeric(column) and len(np.unique(column)) > 1]
     return [place for place in changing if not only_rises(values[:, place])]
 
 
 def _clock(values: Floats, field: Sequence[int]) -> int | None:
-    """Place of the time without header: an ascending column that is no counter, else an ascending first one."""
+    """Place of the time without a header: an ascending column that is not a counter, else an ascending first column."""
     free = [place for place in range(values.shape[1]) if place not in field]
     clocks = [place for place in free if is_clock(values[:, place])]
     return next(iter([*clocks, *(place for place in free if place == 0 and is_ascending(values[:, place]))]), None)

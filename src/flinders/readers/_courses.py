@@ -13,9 +13,9 @@ if TYPE_CHECKING:
 
 
 def read_courses(path: str | os.PathLike[str]) -> Any:  # noqa: ANN401 - type of the package that reads it
-    """Read a log of velocities over ground; the result has `source`, `words` and `velocity_on_clock`.
+    """Read a log of velocities over ground. The result has `source`, `words` and `velocity_on_clock`.
 
-    Raises `UsageError` if no package reads such logs, `InputError` if the file is none.
+    Raises `UsageError` if no package reads such logs, and `InputError` if the file is not such a log.
     """
     for module in app_modules("COURSES").values():
         return import_module(module).read_courses(path)

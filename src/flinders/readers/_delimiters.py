@@ -1,4 +1,4 @@
-"""Delimiter and decimal sign of a text: the pair that yields the most numbers from the first lines.
+"""Choice of a text's delimiter and decimal sign: the pair that yields the most numbers from the first lines.
 
 >>> lines = list(enumerate(["x;y;z", "20,1;-3,0;41,2", "20,2;-3,1;41,3"]))
 >>> best = max((split_lines(lines, signs) for signs in signs_of(lines)), key=Cut.score)
@@ -19,12 +19,12 @@ SIGNS: Final = (
 
 
 def is_comment(text: str) -> bool:
-    """Tell whether a line is a comment."""
+    """Whether a line is a comment."""
     return text.lstrip().startswith(COMMENTS)
 
 
 class Cut(NamedTuple):
-    """Lines split at a delimiter; those that are rows of numbers, by line index."""
+    """Lines split at a delimiter, and those of them that are rows of numbers."""
 
     signs: tuple[str, str]
     rows: dict[int, list[str]]  # cells by line index
@@ -32,12 +32,12 @@ class Cut(NamedTuple):
     numbers: int  # count of numbers in all rows
 
     def score(self) -> tuple[int, int]:
-        """Score of a delimiter and decimal sign: counts of rows and of numbers."""
+        """Score of this delimiter and decimal sign: number of rows, then number of numbers."""
         return len(self.rows), self.numbers
 
 
 def signs_of(lines: list[tuple[int, str]]) -> list[tuple[str, str]]:
-    """Pairs that occur in the lines: the delimiter, and a decimal comma (in quotes if commas also delimit)."""
+    """Pairs of delimiter and decimal sign that occur in the lines; a decimal comma is quoted if commas delimit too."""
     whole = "\n".join(text for _, text in lines)
     has_comma, has_quote = "," in whole, '"' in whole
     there = {delimiter for delimiter, _ in SIGNS if delimiter in whole} - {SPACES}
@@ -48,7 +48,7 @@ def signs_of(lines: list[tuple[int, str]]) -> list[tuple[str, str]]:
 
 
 def split_lines(lines: list[tuple[int, str]], signs: tuple[str, str], least: int = 3) -> Cut:
-    """Split lines; rows have at least `least` numbers, and at least as many numbers as words."""
+    """Split lines into cells; a row has at least `least` numbers, and no more words than numbers."""
     delimiter, decimal = signs
     rows, values, total = {}, {}, 0
     for place, text in lines:
@@ -65,6 +65,6 @@ def split_lines(lines: list[tuple[int, str]], signs: tuple[str, str], least: int
 
 
 def first_row(texts: list[str], after: int, start: int) -> int:
-    """Place of the first line that looks like a reading with any delimiter, also if it cannot be read."""
+    """Place of the first line that looks like a reading with any delimiter, even if it cannot be parsed."""
     between = [(place, text) for place, text in enumerate(texts[after:start], after) if not is_comment(text)]
     return min((place for signs in SIGNS for place in split_lines(between, signs).rows), default=start)

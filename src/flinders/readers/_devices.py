@@ -1,7 +1,7 @@
 """Several devices in one table, distinguished by a column such as ``id``, ``node`` or ``address``.
 
-A column distinguishes devices if its name indicates them and it repeats a few words. A counter has too many different
-words, and the name of a label, a quality or a trial has another meaning.
+A column distinguishes devices if its name says so and it repeats a few words. A counter has too many different words;
+the name of a label, a quality or a trial says something else.
 
 >>> [name for name in ("id", "NodeID", "mac address", "trial_id", "accuracy", "mag_x", "seq") if names_device(name)]
 ['id', 'NodeID', 'mac address']
@@ -35,7 +35,7 @@ MAX_NUMBERED: Final = 8
 MIN_READINGS: Final = 3
 """Smallest number of readings of a device; a rarer word may be an error."""
 MIN_READINGS_IN_A_ROW: Final = 20
-"""Smallest number of readings of a device if each device has one contiguous block, which may be part of a recording."""
+"""Smallest number of readings of a device that has one contiguous block, which may be just a part of a recording."""
 MIN_SHARE: Final = 0.9
 """Smallest share of rows that belong to devices with enough readings."""
 MAX_LETTERS: Final = 64
@@ -71,7 +71,7 @@ _OTHER_MEANINGS: Final = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class Device:
-    """One of several devices in a table: the words in certain columns of its rows."""
+    """One of several devices in a table, identified by the words in certain columns of its rows."""
 
     cells: tuple[int, ...]  # places of the columns
     columns: tuple[str, ...]  # names of the columns
@@ -83,7 +83,7 @@ class Device:
         return " ".join(f"{column}={word}" for column, word in zip(self.columns, self.words, strict=True))
 
     def is_of_other(self, cells: Sequence[str]) -> bool:
-        """Whether a row belongs to another device; a row that is cut short may belong to any."""
+        """Whether a row belongs to another device; a row that is cut short counts as one of this device."""
         return any(
             cell < len(cells) and normalise_word(cells[cell]) != word
             for cell, word in zip(self.cells, self.words, strict=True)
@@ -91,17 +91,17 @@ class Device:
 
 
 class SensorColumn(NamedTuple):
-    """A column that names the sensor of each row, and its words for magnetometers."""
+    """A column that names the sensor of each row, with those of its words that name magnetometers."""
 
     place: int
     words: tuple[str, ...]
 
     def is_of_first(self, row: Sequence[str]) -> bool:
-        """Tell whether a row belongs to the first of these magnetometers."""
+        """Whether a row belongs to the first of these magnetometers."""
         return self.place < len(row) and normalise_word(row[self.place]) == self.words[0]
 
     def devices(self, names: Sequence[str], others: Sequence[Device]) -> tuple[Device, ...]:
-        """A device for each magnetometer, combined with each device of the other columns."""
+        """A device for each magnetometer; combined with the devices of other columns if there are any."""
         own, called = self.place, names[self.place].strip() if names else str(self.place + 1)
         return tuple(
             Device((own, *each.cells), (called, *each.columns), (word, *each.words))
@@ -111,7 +111,7 @@ class SensorColumn(NamedTuple):
 
 
 def sensor_column(rows: Sequence[Sequence[str]], places: Iterable[int]) -> SensorColumn | None:
-    """Find a column whose words name a magnetometer in some rows and another sensor in others.
+    """Column whose words name a magnetometer in some rows and another sensor in others; None if there is none.
 
     >>> rows = [["1", "ACC"], ["2", "MAG"], ["3", "PRES"]]
     >>> sensor_column(rows, (1,)), sensor_column(rows[1:], (1,))
@@ -130,7 +130,7 @@ def sensor_column(rows: Sequence[Sequence[str]], places: Iterable[int]) -> Senso
 
 
 def sensors_of_words(words: Iterable[str]) -> dict[str, Meaning]:
-    """Meanings of the words of a column that name a sensor; empty if there are too many words.
+    """Meanings of a column's words, if they name sensors; empty if there are too many different words.
 
     >>> {word: known.kind for word, known in sensors_of_words(["GYRO", "gravity", "Fix", "mag", "12"]).items()}
     {'GYRO': 'rate', 'gravity': 'acceleration', 'mag': 'field'}
@@ -144,12 +144,12 @@ def sensors_of_words(words: Iterable[str]) -> dict[str, Meaning]:
 
 
 def may_distinguish_rows(name: str) -> bool:
-    """Tell whether a column's name may indicate a device or sensor of each row."""
+    """Whether the name of a column suggests that it distinguishes devices or sensors."""
     return names_device(name) or names_sensor(name)
 
 
 def names_sensor(name: str) -> bool:
-    """Tell whether a column's name may indicate the sensor of each row.
+    """Whether the name of a column suggests that it names the sensor of each row.
 
     >>> [name for name in ("sensor", "sensor_type", "Name", "mag_x", "time") if names_sensor(name)]
     ['sensor', 'sensor_type', 'Name']
@@ -158,9 +158,9 @@ def names_sensor(name: str) -> bool:
 
 
 def names_device(name: str, header: Sequence[str] = ()) -> bool:
-    """Tell whether a column's name may indicate the device of each row.
+    """Whether the name of a column suggests that it names the device of each row.
 
-    In messages of a flight log, which have a ``TimeUS``, ``I`` is the number of the instance.
+    In messages of a flight log, which have a column ``TimeUS``, ``I`` is the number of the instance.
     """
     if name.strip() == INSTANCE and CLOCK_OF_INSTANCES in header:
         return True
@@ -170,7 +170,7 @@ def names_device(name: str, header: Sequence[str] = ()) -> bool:
 
 
 def normalise_word(cell: str) -> str:
-    """Normalise a word for comparison; a whole number may have decimals.
+    """Normalise a word for comparison, such as a whole number with decimals.
 
     >>> normalise_word(" 3.0"), normalise_word("'B4:01'"), normalise_word("10.0.0.7")
     ('3', 'B4:01', '10.0.0.7')
@@ -181,9 +181,9 @@ def normalise_word(cell: str) -> str:
 
 
 def are_ids(words: Iterable[str], *, is_ahead: bool) -> bool:
-    """Tell whether the words of an unnamed column identify devices.
+    """Whether the words of an unnamed column identify devices.
 
-    Addresses and names with a number do, and numbers counted from 0 or 1 ahead of the readings.
+    Addresses and names with a number do so; numbers counted from 0 or 1 do so if the column is ahead of the readings.
 
     >>> are_ids(["b4:12:01", "b4:12:02"], is_ahead=False), are_ids(["S2", "S1", "S1"], is_ahead=False)
     (True, True)
@@ -201,9 +201,9 @@ def are_ids(words: Iterable[str], *, is_ahead: bool) -> bool:
 
 
 def devices_in(names: Sequence[str], places: Sequence[int], rows: Rows) -> tuple[Device, ...]:
-    """Devices by the words of all rows in some columns, sorted by name; none if there is only one.
+    """Devices by the words of all rows in some columns, sorted by name; empty for a single device.
 
-    Columns that distinguish different devices are combined; columns that distinguish the same devices count once.
+    Columns that distinguish different devices are combined. Columns that distinguish the same devices count once.
     """
     tallies = {place: _Tally() for place in places}
     for words in rows():
@@ -225,14 +225,14 @@ def devices_in(names: Sequence[str], places: Sequence[int], rows: Rows) -> tuple
 
 
 class _Tally:
-    """Counts the words of a column in the order of the rows."""
+    """Counts of the words in a column, in the order of the rows."""
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
         self._last, self._has_returned = "", False
 
     def add(self, word: str) -> None:
-        """Count a word; stops when there are too many different words."""
+        """Count a word; counting stops when there are too many different words."""
         if word != self._last:
             self._has_returned = self._has_returned or word in self.counts
             self._last = word
@@ -241,7 +241,7 @@ class _Tally:
 
     @property
     def devices(self) -> list[str]:
-        """Words that name devices; none if there are too many, just one, or measured values."""
+        """Words that name devices; empty if there are too many, just one, or measured values."""
         least = MIN_READINGS if self._has_returned else MIN_READINGS_IN_A_ROW
         often = [word for word, count in self.counts.items() if word and count >= least]
         is_few = len(often) >= 2 and len(self.counts) <= MAX_DEVICES
@@ -250,12 +250,12 @@ class _Tally:
 
 
 def _is_name(word: str) -> bool:
-    """Tell whether a word is a name, address or whole number rather than a measured value."""
+    """Whether a word is a name, an address or a whole number, and not a measured value."""
     value = parse_number(word, ".")
     return len(word) <= MAX_LETTERS if value is None else value.is_integer()
 
 
 def _in_order(words: tuple[str, ...]) -> list[list[tuple[bool, int, str]]]:
-    """Sort key: it sorts words alphabetically, and numbers in them by value."""
+    """Sort key for words: letters alphabetically, numbers in them by value."""
     pieces = [_PIECES.findall(word.casefold()) for word in words]
     return [[(not one.isdecimal(), int(one) if one.isdecimal() else 0, one) for one in each] for each in pieces]

@@ -1,4 +1,4 @@
-r"""Kinds of files that are not recordings, or belong to another program, by their first bytes, with advice.
+r"""Files that are not recordings or belong to another program, recognised by their first bytes, with advice for each.
 
 >>> foreign_kind(b"\x89PNG\r\n\x1a\n....")
 FileKind(name='a PNG image', advice='give the recording itself')
@@ -25,7 +25,7 @@ def refuse_foreign(name: str, head: bytes) -> None:
 
 WIDE_BOMS: Final = (BOM_UTF32_LE, BOM_UTF32_BE, BOM_UTF16_LE, BOM_UTF16_BE)
 CONTROLS: Final = bytes(set(range(32)) - {9, 10, 12, 13, 27}) + b"\x7f"
-"""Bytes that text does not contain: all control bytes but tab, line ends, form feed and escape."""
+"""Control bytes that do not occur in text: all except tab, line ends, form feed and escape."""
 MAX_CONTROL_SHARE: Final = 0.02
 """Largest share of control bytes in text; random bytes have 0.11."""
 
@@ -78,11 +78,11 @@ MAGIC: Final[dict[bytes, FileKind]] = {
 """Kinds of files by first bytes. The order does not matter: no key is the start of another."""
 PAGES: Final = {b"<!doctype html": "an HTML page", b"<html": "an HTML page", b"<?xml": "an XML document"}
 _WORDS: Final = frozenset(start for start in MAGIC if start.isalpha())
-"""Keys that plain text may also start with (``BM``, ``MZ``): they count only in a binary file."""
+"""Keys of `MAGIC` that plain text may start with too (``BM``, ``MZ``); they count only in a binary file."""
 
 
 def foreign_kind(head: bytes) -> FileKind | None:
-    """Kind of a file with these first bytes, or None if it may be text."""
+    """Kind of a file with these first bytes; None if it may be text."""
     binary = is_binary(head)
     for start, kind in MAGIC.items():
         if head.startswith(start) and (binary or start not in _WORDS):
@@ -105,7 +105,7 @@ def _advice_on_page(opening: bytes, head: bytes) -> str:
 
 
 def _of_fields(head: bytes) -> str:
-    r"""Advice by the field list of a blackbox, which may contain the magnetometer; empty without a field list.
+    r"""Advice by the field list of a blackbox, which may contain a magnetometer; empty without a field list.
 
     >>> _of_fields(b"H Product:Blackbox\nH Field I name:time,gyroADC[0]\n").partition(":")[0]
     '; its field list has no magADC'
@@ -119,7 +119,7 @@ def _of_fields(head: bytes) -> str:
 
 
 def _is_mavlink(head: bytes) -> bool:
-    """Tell whether the file starts with consecutive packets of MAVLink 1 or 2."""
+    """Whether a file starts with consecutive packets of MAVLink 1 or 2."""
     at = 0
     for _ in range(MIN_PACKETS):
         first, length, flags = (head[at : at + 3] + b"\0\0\0")[:3]
@@ -130,7 +130,7 @@ def _is_mavlink(head: bytes) -> bool:
 
 
 def is_binary(head: bytes) -> bool:
-    """Tell whether bytes contain too many control bytes for text; zeros at the end are ignored."""
+    """Whether bytes contain more control bytes than text does; zeros at the end are ignored."""
     if head.startswith(WIDE_BOMS):
         return False
     filled = head.rstrip(b"\x00")

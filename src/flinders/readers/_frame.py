@@ -1,4 +1,4 @@
-"""Tables in memory as recordings: data frames of any kind, and any object that exports an Arrow stream.
+"""Tables in memory as recordings: data frames of any kind, and other objects that export an Arrow stream.
 
 Columns are recognised by the same names as in files.
 
@@ -39,8 +39,8 @@ KIND: Final = "columns in memory"
 def open_frame(frame: Any, **options: Any) -> TableRecording:  # noqa: ANN401 - of packages that need not be there
     """Recognise the columns of a table in memory; options and errors are those of `open_table`.
 
-    Without pyarrow a polars frame is read too, except for dates in text. A frame that only exports an Arrow stream then
-    raises `MissingExtra`.
+    Without pyarrow a polars frame can be read, except for dates in text. A frame that only exports an Arrow stream
+    raises `MissingExtra` without pyarrow.
     """
     name = name_of(frame)
     if hasattr(frame, "get_column"):
@@ -57,7 +57,7 @@ def open_columns(columns: dict[str, Any], name: str, /, **options: Any) -> Table
 
 
 def _of_columns(columns: dict[str, Any], source: str) -> Table:
-    """Table of the columns that hold numbers, dates, or names of devices and sensors."""
+    """Table of those columns that hold numbers, dates, or names of devices and sensors."""
     arrays = {name: _numbers(column) for name, column in columns.items()}
     labels = {name: Labels() for name, array in arrays.items() if array is None and may_distinguish_rows(name)}
     arrays |= {name: known.numbers(words_of(columns[name])) for name, known in labels.items()}
@@ -67,7 +67,7 @@ def _of_columns(columns: dict[str, Any], source: str) -> Table:
 
 
 def _numbers(column: Any) -> NDArray[Any] | None:  # noqa: ANN401
-    """Numbers with NaN for missing values, dates in UTC; None for other columns."""
+    """Numbers of a column, with NaN for missing values and dates in UTC; None for a column without numbers."""
     if isinstance(column, np.ma.MaskedArray):
         fill = np.nan if column.dtype.kind in "iufb" else None
         column = np.ma.filled(column.astype(np.float64) if fill is not None else column, fill)
@@ -81,14 +81,14 @@ def _numbers(column: Any) -> NDArray[Any] | None:  # noqa: ANN401
 
 
 def words_of(column: Any) -> Any:  # noqa: ANN401
-    """Values of a column, None for missing ones."""
+    """Values of a column; a missing value is None."""
     if hasattr(column, "notna"):
         return column.where(column.notna(), None)
     return column.to_list() if hasattr(column, "to_list") else np.asarray(column).tolist()
 
 
 def _of_arrow(frame: Any, name: str) -> Table:  # noqa: ANN401
-    """Table of columns that are exported as an Arrow stream."""
+    """Table of the columns that a frame exports as an Arrow stream."""
     table = import_optional("pyarrow", "parquet", f"a {name}").table(frame)
 
     def batches(names: list[str]) -> Iterator[Any]:

@@ -1,6 +1,6 @@
-r"""Numbers of the lines of a table: a block at once if all its lines are valid, else line by line.
+r"""Numbers in the lines of a table: parsed block by block if all lines are valid, else line by line.
 
-If pyarrow is installed, large files take less time: `parser_of` yields the same numbers as `rows_of`, bit for bit, or
+With pyarrow installed, large files take less time: `parser_of` yields the same numbers as `rows_of`, bit for bit, or
 None in case of doubt.
 
 >>> grid = Grid(",", ".", 3, (0, 2), frozenset({0, 2}))
@@ -31,29 +31,29 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.readers._clock import Clock, Midnights
 
-PIECE_LINES: Final = 128  # lines per piece in which lines are read one by one if one is invalid
+PIECE_LINES: Final = 128  # lines per piece; if a line is invalid, only its piece is parsed line by line
 Parse: TypeAlias = "Callable[[Lines], Floats | None]"
 MIN_BYTES_FOR_ARROW: Final = 8 << 20
-"""Smallest file in bytes for which pyarrow pays off: it saves 17 ms per MB, and its import takes 0.05 to 0.1 s."""
+"""Smallest file in bytes for which pyarrow is used. It saves 17 ms per MB; its import takes 0.05 to 0.1 s."""
 BLOCKS_AT_ONCE: Final = 6
-"""Blocks of lines per call of pyarrow: a call costs 0.4 ms, a quarter of the time to parse a block."""
+"""Blocks of lines per call of pyarrow. A call costs 0.4 ms, a quarter of the time that parsing a block takes."""
 UNSAFE_TEXTS: Final = ('"', "(", "\ufeff", CUT_MARK)
-"""Text that pyarrow must not get: quotes, numbers only it accepts (``nan(1)``), a truncated line."""
+"""Texts that pyarrow must not get: quotes, forms of numbers that only pyarrow accepts (``nan(1)``), a cut line."""
 
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """How a line is split into cells, and which of them are read."""
+    """Division of a line into cells, and the cells that are read."""
 
     delimiter: str  # one character; `SPACES` for any run of spaces and tabs
     decimal: str
     width: int  # cells in a line; 0 if the count varies
     cells: tuple[int, ...]  # places of the cells that are read, counted from 0
-    needed: frozenset[int]  # places of the cells that must be numbers; in others, text reads as NaN
+    needed: frozenset[int]  # places of cells that must be numbers; in other cells text is read as NaN
     clock: Clock | None = None  # clock of the time, if that is not numeric
 
     def row(self, text: str) -> list[float] | None:
-        """Parse one line; None if it has the wrong number of cells, or text in a needed one."""
+        """Parse one line; None if it has the wrong number of cells, or text in a cell that must be a number."""
         cells = split(text, self.delimiter)
         if not has_width(cells, self.width) if self.width else len(cells) <= max(self.needed):
             return None
@@ -66,7 +66,7 @@ class Grid:
         return known
 
     def without_clock(self) -> Grid:
-        """The same grid without its time."""
+        """The same grid without its time column."""
         cells = tuple(cell for cell in self.cells if not self.clock or cell != self.clock.cell)
         return replace(self, cells=cells, clock=None)
 
@@ -77,11 +77,11 @@ class NumberRows:
 
     values: Floats  # (N, len(cells)) as written, NaN for an empty cell
     lines: Sequence[int]  # line number of each row
-    unreadable: list[tuple[int, str]]  # number and text of lines that are no rows
+    unreadable: list[tuple[int, str]]  # number and text of lines that cannot be parsed as rows
 
     @property
     def numbers(self) -> Floats:
-        """(N,) `lines` as an array."""
+        """(N,) line numbers of the rows, as an array."""
         lines = self.lines
         return np.arange(lines.start, lines.stop, dtype=float) if isinstance(lines, range) else np.array(lines, float)
 
@@ -114,7 +114,7 @@ def rows_of(texts: list[str], lines: Sequence[int], grid: Grid) -> NumberRows:
 
 
 def _at_once(texts: list[str], grid: Grid) -> Floats:
-    """Parse lines that all have the same number of cells, with numbers in all that are read; else ValueError."""
+    """Parse lines that all have the same number of cells, and numbers in all cells that are read; else `ValueError`."""
     if clock := grid.clock:
         values = _at_once(texts, grid.without_clock())
         times = [clock.seconds(split(text, grid.delimiter)) for text in texts]
@@ -152,10 +152,10 @@ def _one_by_one(texts: list[str], lines: Sequence[int], grid: Grid) -> NumberRow
 
 
 def parser_of(grid: Grid) -> Parse | None:
-    """Prepare pyarrow to parse lines without comments and header; None if it cannot, or is not installed.
+    """Parser that uses pyarrow, for lines without comments and header; None if it cannot be used or is not installed.
 
-    The parser gives (lines.count, len(grid.cells)) numbers, or None if a line is blank, quoted or of another width, or
-    if a cell that is read holds no plain number.
+    The parser returns (lines.count, len(grid.cells)) numbers. It returns None if a line is blank, quoted or of another
+    width, or if a cell that is read holds no plain number.
     """
     if not grid.width or grid.delimiter in (SPACES, grid.decimal):
         return None

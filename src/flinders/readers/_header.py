@@ -1,4 +1,4 @@
-"""Header of a table: column names, units below them, and headers with another number of names than fields.
+"""Header of a table: the names of columns, the units below them, and headers that do not fit the columns.
 
 >>> find_header(["site: hall", "t_s,mag_x_uT,mag_y_uT,mag_z_uT"], ",", 4, 4)
 (1, ['t_s', 'mag_x_uT', 'mag_y_uT', 'mag_z_uT'])
@@ -33,18 +33,18 @@ if TYPE_CHECKING:
     from flinders.readers._devices import SensorColumn
 
 MAX_EXTRA_NAMES: Final = 2  # largest excess of header names over fields in a line
-_UNITS: Final = re.compile(r"(?:(?:mag|field)[ _-]?)?units?", re.IGNORECASE)  # name of a column of units
+_UNITS: Final = re.compile(r"(?:(?:mag|field)[ _-]?)?units?", re.IGNORECASE)  # name of a column that contains the unit
 _SAYS_UNIT: Final = re.compile(
     r"\W*(?:(?:mag[^\W_]*|(?:magnetic[ _])?field|the)[\W_]+)*units?(?:[ _]of[ _](?:the[ _])?(?:mag\w*|field))?"
     r"(?:\s+(?:is|are)\b|[\"']?\s*[:=,;\t])\s*[\"'\[(]?((?:(?:micro|milli|nano)[ _-])?[^\W\d_]+)\W*",
     re.IGNORECASE,
 )
 """A line that states the unit of the field."""
-_OTHER_UNITS: Final = ("g", "mg", "t", "raw")  # gravity, and words without a unit
+_OTHER_UNITS: Final = ("g", "mg", "t", "raw")  # units of gravity, and words that name no unit
 
 
 def lines_above(texts: Sequence[str], delimiter: str, sensors: SensorColumn | None) -> list[str]:
-    """Lines above the readings; of several headers, only those of the selected sensor if each starts with its name."""
+    """Lines above the readings. If each header starts with a sensor's name, only those of the selected sensor."""
     if sensors is None:
         return list(texts)
     own = [text if sensors.is_of_first(_names_in(text, delimiter)) else "" for text in texts]
@@ -52,9 +52,9 @@ def lines_above(texts: Sequence[str], delimiter: str, sensors: SensorColumn | No
 
 
 def find_header(above: list[str], delimiter: str, filled: int, width: int) -> tuple[int, list[str]]:
-    """Find the header above the readings: the nearest line that names a magnetometer, else the nearest with any names.
+    """Find the header above the readings: the nearest line that names a magnetometer, else the nearest with names.
 
-    Lines have `width` cells, of which the first `filled` are not empty.
+    The lines have `width` cells, of which the first `filled` are not empty.
     """
     fallback: tuple[int, list[str]] = (-1, [])
     for place in range(len(above) - 1, -1, -1):
@@ -75,24 +75,25 @@ def find_header(above: list[str], delimiter: str, filled: int, width: int) -> tu
 
 
 class _Misfit(NamedTuple):
-    """A header whose number of names differs from the number of fields in a line."""
+    """A header whose number of names is not the number of columns."""
 
     place: int
     written: int  # number of names
-    names: list[str]  # a name for each field, some empty; no names if their places are ambiguous
+    names: list[str]  # a name for each column, some of them empty; no names at all if their places are ambiguous
     text: str
 
     def words(self, width: int) -> str:
-        """Phrase with the numbers of names and fields."""
+        """Words for the two numbers, of names and of columns."""
         return f"a header of {self.written} names over {width} fields" if self.written != width else ""
 
 
 def find_misfit(
     name: str, above: list[str], delimiter: str, values: Floats, clocks: Sequence[Clock], asked: AnyColumns | None
 ) -> _Misfit | None:
-    """Find a header with another number of names or another delimiter: the nearest with the requested names.
+    """Find a header that does not fit the columns, the nearest with the requested names.
 
-    Raises `NoMagnetometer` if it names a magnetometer but the values do not identify its columns.
+    It has another number of names or another delimiter. Raises `NoMagnetometer` if it names a magnetometer whose
+    columns the values do not identify.
     """
     width, other = values.shape[1], None
     parts = [part.casefold() for part in parts_of(asked)] if asked else []
@@ -113,7 +114,7 @@ def find_misfit(
 
 
 def _require_places(name: str, found: _Misfit, values: Floats, wanted: Sequence[str]) -> _Misfit:
-    """Return the header if its names are placed; else raise an error that asks for the columns."""
+    """Return a header whose names have places; for another header, raise an error that asks for the columns."""
     if found.names:
         return found
     what = f"{found.words(values.shape[1])} (line {found.place + 1}: {shorten(found.text)!r})"
@@ -128,7 +129,7 @@ def _require_places(name: str, found: _Misfit, values: Floats, wanted: Sequence[
 
 
 def _named_in(text: str, delimiter: str) -> list[str]:
-    """Names of a line without empty ones at its end; none if some are numbers or repeated."""
+    """Names in a line, without empty ones at its end; empty if some are numbers or occur twice."""
     names = [name.rstrip(",;") for name in _names_in(text, delimiter)]
     while names and not names[-1]:
         names.pop()
@@ -138,14 +139,14 @@ def _named_in(text: str, delimiter: str) -> list[str]:
 
 
 def _names_in(text: str, delimiter: str) -> list[str]:
-    """Split a line of names, also in a comment."""
+    """Split a line of names, which may be a comment."""
     bare = text.lstrip()
     sign = next((sign for sign in COMMENTS if bare.startswith(sign)), "")
     return [cell.strip() for cell in split(bare.removeprefix(sign).lstrip() if sign else text, delimiter)]
 
 
 def _with_sensors(names: Sequence[str], titles: Sequence[str]) -> list[str]:
-    """Prefix axis names with the sensor names of the line above, each valid up to the next; empty if unclear."""
+    """Axis names with the sensor names of the line above, each of which is valid up to the next; empty if unclear."""
     below = [meaning(name) for name in names]
     axes = [place for place, each in enumerate(below) if each.axis and (each.is_bare or not each.kind)]
     if len(axes) < 3 or len(titles) > len(names) + 1 or sum(map(bool, titles)) < 2:
@@ -163,7 +164,7 @@ def _with_sensors(names: Sequence[str], titles: Sequence[str]) -> list[str]:
 
 
 def units_below(below: list[str], delimiter: str, width: int) -> list[str]:
-    """Find a row of units between header and readings, one per column; empty if there is none."""
+    """Row of units between header and readings, one for each column; empty if there is none."""
     for text in below:
         cells = [cell.strip("[]()") for cell in _names_in(text, delimiter)]
         units = [cell if is_unit(cell) else "" for cell in cells]
@@ -173,7 +174,7 @@ def units_below(below: list[str], delimiter: str, width: int) -> list[str]:
 
 
 def stated_unit(header: Sequence[str], rows: Sequence[Sequence[str]], above: Sequence[str]) -> str:
-    """Unit of the field by a column of units, or by a line above the readings; empty if none states it."""
+    """Unit of the field, as stated in a column of units or in a line above the readings; empty if none states it."""
     places = [place for place, name in enumerate(header) if _UNITS.fullmatch(name.strip())]
     words = [{row[place].strip() for row in rows if place < len(row)} for place in places]
     said = [word for each in words if len(each) == 1 for word in each]
@@ -186,7 +187,7 @@ def stated_unit(header: Sequence[str], rows: Sequence[Sequence[str]], above: Seq
 
 
 def _could_name(names: list[str], delimiter: str) -> bool:
-    """Tell whether names are a header, not a sentence: no numbers; between spaces, a recognised name."""
+    """Whether names may be a header and not a sentence: none is a number; between spaces, one must be recognised."""
     if not any(names) or any(name and parse_number(name, ".") is not None for name in names):
         return False
     return delimiter != SPACES or any(meaning(name).kind for name in names)

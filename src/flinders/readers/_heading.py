@@ -1,8 +1,8 @@
-"""Placement of header names over columns when their numbers differ.
+"""Placement of header names over columns, if there are more names than columns or fewer.
 
-An unnamed column, a missing name, or a value of two words shifts the names behind it. Names are placed so that the
-values match: a time rises; the axes of a magnetometer are numbers of the same format that neither stay constant nor
-only rise. If two placements of the magnetometer remain, none is used.
+An unnamed column, a missing name, or a value of two words shifts the names behind it. Names are placed so that they fit
+the values: a time rises; the axes of a magnetometer are numbers of one format that change and do not only rise. If two
+places are possible for the magnetometer, no placement is used.
 
 >>> tumble = 45 * np.random.default_rng(1).normal(size=(50, 3))
 >>> clock = np.arange(50.0)[:, np.newaxis]
@@ -28,16 +28,16 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.readers._clock import Clock
 
-AXIS_PENALTY: Final = 10  # penalty of an axis that cannot be one, and of a missing magnetometer
-TIME_PENALTY: Final = 3  # penalty of a time that does not rise
+AXIS_PENALTY: Final = 10  # penalty for an axis whose values cannot be one, and for a missing magnetometer
+TIME_PENALTY: Final = 3  # penalty for a time that does not rise
 
 
 def place_names(
     names: Sequence[str], values: Floats, clocks: Sequence[Clock] = (), wanted: Collection[str] = ()
 ) -> list[str]:
-    """One name per column, empty if it has none; an empty list if the values leave the placement open.
+    """One name for each column, empty if it has none; an empty list if the values allow several placements.
 
-    `wanted` are the names of requested columns, which replace those of a magnetometer.
+    `wanted` are the names of requested columns; they take the part of a magnetometer's names.
     """
     width = values.shape[1]
     told = {cell for clock in clocks for cell in clock.cells}
@@ -54,7 +54,7 @@ def place_names(
 
 
 def _headers(names: Sequence[str], width: int) -> list[list[str]]:
-    """All ways to skip columns, or names, at one place; the last keeps the names aligned to the left."""
+    """All placements that skip columns, or names, at one place; the last aligns the names to the left."""
     over = width - len(names)
     if over > 0:
         return [[*names[:at], *[""] * over, *names[at:]] for at in range(len(names) + 1)]
@@ -62,7 +62,7 @@ def _headers(names: Sequence[str], width: int) -> list[list[str]]:
 
 
 def _field(header: Sequence[str], wanted: Collection[str]) -> tuple[int, ...]:
-    """Places of the requested names, else of those of the first magnetometer."""
+    """Places of the requested names; without a request, of the first magnetometer's names."""
     if wanted:
         cells = tuple(place for place, name in enumerate(header) if name and name.casefold() in wanted)
         return cells if len(cells) == len(wanted) else ()
@@ -71,7 +71,7 @@ def _field(header: Sequence[str], wanted: Collection[str]) -> tuple[int, ...]:
 
 
 def _penalty(header: Sequence[str], values: Floats, field: Sequence[int], told: Collection[int]) -> int:
-    """Penalty for values that contradict the names; 0 without a contradiction."""
+    """Penalty for values that contradict the names; 0 if none does."""
     doubts = sum(AXIS_PENALTY for place in field if place in told or is_no_axis(values[:, place]))
     doubts += TIME_PENALTY * (max(field, default=0) - min(field, default=0) >= len(field))
     timed = False
@@ -90,7 +90,7 @@ def _penalty(header: Sequence[str], values: Floats, field: Sequence[int], told: 
 
 
 def _time_penalty(column: Floats) -> int:
-    """Penalty of a column with the name of a time: it has to rise, and must not count rows."""
+    """Penalty for a column that is named a time: a time must rise and must not count rows."""
     if not is_ascending(column):
         return TIME_PENALTY
     return int(set(np.diff(column[np.isfinite(column)])) == {1.0})

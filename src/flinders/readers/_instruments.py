@@ -1,11 +1,11 @@
-"""Three-axis sensors found by the names of columns, and which of them are separate magnetometers.
+"""Three-axis sensors by the names of columns, and the choice of those that are separate magnetometers.
 
-A table may contain ``mag1_x`` and ``mag2_x``, two instruments, or ``mag_raw_x`` and ``mag_cal_x``, one instrument
-before and after its calibration. They are distinguished by the rest of the name, without axis, unit and words that all
-magnetometers have. Numbers (``imu2.mag.x``), places (``mag_left_x``), chips (``rm3100_x``), a device (``imu_mx``) and
-consecutive letters (``mag_a_x``, ``mag_b_x``) are separate instruments. Any other word, such as ``filtered``, is a
-second version of the same instrument; the rawest version is selected, and of equal ones that with the plainest name. A
-reference, ``mag_ref_x``, is not an instrument.
+A table may contain ``mag1_x`` and ``mag2_x``, which are two instruments. ``mag_raw_x`` and ``mag_cal_x`` are one
+instrument before and after its calibration. The rest of the name decides: the words that remain without axis, unit and
+words that all magnetometers have. Numbers (``imu2.mag.x``), places (``mag_left_x``), chips (``rm3100_x``), devices
+(``imu_mx``) and consecutive letters (``mag_a_x``, ``mag_b_x``) mark separate instruments. Any other word, such as
+``filtered``, marks a second version of the same instrument. The rawest version is selected; of equally raw ones, the
+one with the plainest name. A reference, ``mag_ref_x``, is not an instrument.
 
 >>> def names(*sensors):
 ...     return [each.name for each in magnetometers([f"{sensor}_{axis}" for sensor in sensors for axis in "xyz"])]
@@ -42,7 +42,8 @@ from flinders.readers._names import (
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-MIN_PAIRED_NUMBER: Final = 10  # from this bare number on, a sensor's number needs a neighbour: they count from 0 or 1
+# smallest bare number that needs a neighbour to count as a sensor's number; sensors count from 0 or 1
+MIN_PAIRED_NUMBER: Final = 10
 MAX_DIGITS: Final = 9  # largest count of digits in a number; a longer word is text
 
 
@@ -50,20 +51,20 @@ class Vector(NamedTuple):
     """Three columns of one sensor."""
 
     cells: tuple[int, ...]  # places of x, y, z
-    rank: int  # as in `Meaning`
-    label: tuple[str, ...]  # words of their names beyond those common to such sensors
-    name: str  # their name without axis and unit
-    whole: str = ""  # the same with ``raw``, ``filtered`` and the unit, which distinguish copies of its readings
-    instead: str = ""  # their kind, such as ``a reference``, if they are not readings
+    rank: int  # rank of the readings, as in `Meaning`
+    label: tuple[str, ...]  # words of the names other than those that all such sensors have
+    name: str  # the names without axis and unit
+    whole: str = ""  # `name` with ``raw``, ``filtered`` and the unit, which distinguish copies of the same readings
+    instead: str = ""  # their kind if they are not readings, such as ``a reference``
 
     @property
     def number(self) -> tuple[str, ...]:
-        """The numbers and places in its label; the whole label if it has none."""
+        """Numbers and places in the label; the whole label if it has neither."""
         return tuple(word for word in self.label if _is_number(word) or identifies_sensor(word)) or self.label
 
 
 def vectors(names: Sequence[str], meanings: Sequence[Meaning], kind: str) -> list[Vector]:
-    """Find the three-axis sensors of a kind, in the order of their first columns; names may be repeated."""
+    """Three-axis sensors of a kind, in the order of their first columns; names may occur twice."""
     sensors: dict[tuple[str, int], dict[str, int]] = defaultdict(dict)
     times: Counter[str] = Counter()
     for place, known in enumerate(meanings):
@@ -91,11 +92,11 @@ def _letters(axes: Iterable[str]) -> str:
 
 
 SET_WORD: Final = re.compile(r"_?(?<![a-zA-Z])(?:set|SET)(?![a-zA-Z])_?|_?Set(?![a-z])_?")
-"""Part of a name for readings after a set pulse; after a reset pulse ``reset`` is in its place."""
+"""Part of a name for readings after a set pulse; the name for readings after a reset pulse has ``reset`` there."""
 
 
 def polarities(names: Sequence[str]) -> dict[int, int]:
-    """Place after a set pulse to place after a reset pulse, for each axis that has both.
+    """Place of an axis after a reset pulse, by its place after a set pulse; only axes that have both.
 
     >>> polarities(["t", "mag_x_set", "mag_x_reset", "setpoint_x"]), polarities(["xReset", "xSet"])
     ({1: 2}, {1: 0})
@@ -119,12 +120,12 @@ def strip_set(name: str) -> str:
 
 
 def _reset(match: re.Match[str]) -> str:
-    """The word ``set`` of a match, replaced by ``reset``."""
+    """Replacement of the word ``set`` in a name: ``reset``."""
     return re.sub("set", "reset", match[0], flags=re.IGNORECASE)
 
 
 def names_magnetometer(names: Sequence[str]) -> bool:
-    """Tell whether three of the names are the axes of a magnetometer."""
+    """Whether three of the names are the axes of a magnetometer."""
     return bool(vectors(names, list(map(meaning, names)), FIELD))
 
 
@@ -134,10 +135,10 @@ def magnetometers(names: Sequence[str]) -> tuple[Vector, ...]:
 
 
 def instruments(sensors: Sequence[Vector]) -> tuple[Vector, ...]:
-    """Select the separate magnetometers, the rawest readings of each, in the order of their columns.
+    """Select the separate magnetometers and the rawest readings of each, in the order of their columns.
 
-    Corrected or filtered readings come last. If it is not clear that there are several magnetometers, only the best
-    by `_quality` is selected; the result is empty without readings.
+    Corrected or filtered readings come last. If it is unclear whether there are several magnetometers, only the best
+    one by `_quality` is selected. The result is empty if there are no readings.
     """
     readings = [vector for vector in sensors if not vector.instead]
     if any(source_rank(vector.whole) == 0 and vector.rank < CALIBRATED_RANK for vector in readings):
@@ -157,7 +158,7 @@ def instruments(sensors: Sequence[Vector]) -> tuple[Vector, ...]:
 
 
 def similar_names(sensors: Sequence[Vector], fields: Sequence[Vector]) -> tuple[str, ...]:
-    """Names of sensors that look as much like a magnetometer as the selected ones, with their kind if known."""
+    """Names of sensors that resemble a magnetometer as much as the selected ones do, with their kind if known."""
     least = max(BARE_CLEARNESS - 1, max((clearness(each.rank) for each in fields), default=0))
     others = [each for each in sensors if each not in fields and clearness(each.rank) <= least]
     kinds = [(each.whole, each.instead or "corrected or filtered" * (each.rank >= CALIBRATED_RANK)) for each in others]
@@ -165,9 +166,9 @@ def similar_names(sensors: Sequence[Vector], fields: Sequence[Vector]) -> tuple[
 
 
 def companion(sensors: Sequence[Vector], field: Vector, fields: Sequence[Vector]) -> Vector | None:
-    """Select the accelerometer or gyro of a magnetometer: the best with its number, or with no other's number.
+    """Accelerometer or gyro of a magnetometer: the best with the same number, or else with no other's number.
 
-    A single magnetometer has all of them. Derived columns, such as ``acc_ned_x``, are not selected.
+    If there is only one magnetometer, it has all of them. Derived columns, such as ``acc_ned_x``, are not selected.
     """
     readings = [each for each in sensors if not each.instead]
     if len(fields) < 2:
@@ -178,7 +179,7 @@ def companion(sensors: Sequence[Vector], field: Vector, fields: Sequence[Vector]
 
 
 def _distinct_sensors(sensors: Sequence[Vector]) -> list[Vector]:
-    """Select two or more sensors distinguished by numbers or places; else by letters or types, if all have them."""
+    """Select sensors that are distinguished by numbers or places, or else by letters or types that all of them have."""
     shared = set.intersection(*(set(each.label) for each in sensors)) if sensors else set()
     rest = [(each, [word for word in each.label if word not in shared]) for each in sensors]
     numbers = {int(word) for _, words in rest for word in words if _is_number(word)}
@@ -199,37 +200,37 @@ def _distinct_sensors(sensors: Sequence[Vector]) -> list[Vector]:
 
 
 def _are_consecutive(letters: Iterable[str]) -> bool:
-    """Tell whether letters are consecutive, such as a, b, c, or left and right."""
+    """Whether letters are consecutive, such as a, b and c; left and right count as consecutive too."""
     together = "".join(sorted(letters))
     return together == "lr" or (len(together) > 1 and together in "abcdefgh")
 
 
 def _is_number(word: str) -> bool:
-    """Tell whether a word is a number of usual length."""
+    """Whether a word is a number with a plausible count of digits."""
     return word.isdecimal() and len(word) <= MAX_DIGITS
 
 
 def _is_sensor_number(numbers: set[int], number: int) -> bool:
-    """Tell whether a number is that of a sensor: a small one, or one with a neighbour."""
+    """Whether a number can be that of a sensor: it is small, or a neighbouring number exists too."""
     return number < MIN_PAIRED_NUMBER or bool(numbers & {number - 1, number + 1})
 
 
 def _is_copy(one: Vector, rawer: Sequence[Vector]) -> bool:
-    """Tell whether corrected or filtered readings copy rawer ones: named after them, or labelled unlike all.
+    """Whether corrected or filtered readings are a copy of rawer ones: with the same name, or with an unusual label.
 
-    Beside ``mag2`` a ``mag1_cal`` is another magnetometer; ``mag2_cal`` is not, nor is ``mag_cal``.
+    Next to ``mag2``, ``mag1_cal`` is another magnetometer; ``mag2_cal`` and ``mag_cal`` are copies.
     """
     if one.rank < CALIBRATED_RANK or not rawer:
         return False
-    manner = set(map(_is_number, one.label))  # by numbers, by words, by both or not at all
+    manner = set(map(_is_number, one.label))  # kind of words in the label: numbers, other words, both or none
     is_named_after = any(set(other.label) <= set(one.label) for other in rawer)
     return is_named_after or all(set(map(_is_number, other.label)) != manner for other in rawer)
 
 
 def _quality(vector: Vector) -> tuple[int, int, bool, int, int, int]:
-    """Sort key, best first: rawest; a sensor before a field, m before b; then the fewest additional words.
+    """Sort key, the best first: the rawest; a sensor before a field, m before b; then the fewest additional words.
 
-    A b may be a bias.
+    The letter b ranks lower as it may stand for a bias.
     """
     foreign = sum(not (_is_number(word) or identifies_sensor(word)) for word in vector.label)
     is_symbol = vector.name.casefold() in ("b", "h")

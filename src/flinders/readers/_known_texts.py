@@ -1,4 +1,4 @@
-r"""Known text formats without magnetometer readings, and advice for each.
+r"""Text formats that are known to contain no magnetometer readings, with advice for each.
 
 >>> str(refusal("bus.log", ["(1600000000.123456) can0 123#DEADBEEF"]))[:59]
 'bus.log is a candump of a CAN bus, whose bytes need the des'
@@ -28,8 +28,8 @@ class KnownText(NamedTuple):
 
     sign: re.Pattern[str]  # pattern in one of its lines
     share: float  # smallest share of lines with the pattern; 0 if one line is enough
-    words: str  # name of the kind, and advice
-    may_be_read: bool = False  # whether readings may occur next to it; it is then refused only if none was found
+    words: str  # name of the kind, and advice to the user
+    may_be_read: bool = False  # whether readings may occur in the same text; it is then refused only if none was found
 
 
 TEXTS: Final = (
@@ -59,13 +59,16 @@ TEXTS: Final = (
 
 @cache
 def _texts() -> tuple[KnownText, ...]:
-    """All known kinds; those of packages of `flinders.apps` come first, as they are more specific."""
+    """All known kinds. Those of packages in `flinders.apps` come first, as they are more specific."""
     added = map(import_module, app_modules("KNOWN_TEXTS").values())
     return (*chain.from_iterable(module.TEXTS for module in added), *TEXTS)
 
 
 def refusal(name: str, lines: Sequence[str], *, is_unread: bool = False) -> NoMagnetometer | None:
-    """Error for a text without readings, with its kind; with `is_unread`, also if readings might occur next to it."""
+    """Error that names the kind of a text without readings; None for an unknown kind.
+
+    With `is_unread`, kinds that may contain readings are refused too.
+    """
     some = [line for line in lines[:EXAMINED_LINES] if line.strip()]
     for text in _texts():
         count = sum(text.sign.search(line) is not None for line in some)

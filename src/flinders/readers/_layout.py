@@ -1,8 +1,8 @@
 """Layout of a table: delimiter, decimal sign, header and columns, recognised from its first lines.
 
-All delimiters are tried on the first few hundred lines; the one with the most rows of numbers is used. Lines above the
-first row are preamble; one of them is the header if it has as many cells as the rows and its names, parsed by `_names`,
-contain a magnetometer.
+All delimiters are tried on the first few hundred lines; the one with the most rows of numbers is used. The lines above
+the first row are the preamble. A line of the preamble is the header if it has as many cells as the rows, and if its
+names, parsed by `_names`, contain a magnetometer.
 
 >>> lines = ["first flight", "t_s;mag_x_uT;mag_y_uT;mag_z_uT", "0,0;20,1;-3,0;41,2", "0,1;20,2;-3,1;41,3"]
 >>> layout = recognise_table("log.csv", lines)
@@ -57,14 +57,14 @@ if TYPE_CHECKING:
     EveryLine: TypeAlias = Callable[[], Iterable[str]]
 
 ON_BOARD: Final = "magADC is after the board's own mag_zero and alignment, on INAV after its gain too"
-"""Note on readings in a blackbox; see `compassUpdate` in `sensors/compass.c` of Betaflight and INAV."""
+"""Note on readings in a blackbox; source: `compassUpdate` in `sensors/compass.c` of Betaflight and INAV."""
 DELIMITER_WORDS: Final = {",": "comma", ";": "semicolon", "\t": "tab", SPACES: "space"}
 TRIED_LINES: Final = 400  # lines that are tried first
 SAMPLED_ROWS: Final = 200  # rows that are examined to distinguish numbers from text, and to find ascending times
 MIN_SAME_WIDTH_SHARE: Final = 0.6
-"""Share of rows of one width above which other rows count as broken; under a header they always do."""
+"""Smallest share of rows with the most common width for which other rows count as broken; not needed with a header."""
 MAX_COLUMNS: Final = 4096  # largest number of columns in a table
-_END_OF_HEADER: Final = re.compile(r"\W*end[ _]of[ _]header\W*", re.IGNORECASE)  # lines above it are no readings
+_END_OF_HEADER: Final = re.compile(r"\W*end[ _]of[ _]header\W*", re.IGNORECASE)  # no line above this one is a reading
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,24 +78,24 @@ class TextLayout:
     units: tuple[str, ...] = ()  # units in a row below the header; empty without one
     header_line: int = 0  # number of the header line; 0 without one
     header_text: str = ""  # text of the header line
-    heading: str = ""  # phrase for a header whose number of names differs from the number of fields
-    words: str = ""  # description of the dialect that was converted to a table
+    heading: str = ""  # words for a header that does not fit the columns
+    words: str = ""  # description of the dialect, if the text was converted to a table
     spare: frozenset[int] = frozenset()  # columns that are empty in all rows with a reading
-    in_force: str = ""  # on-board calibration that was applied to the readings, if the headers of a blackbox state one
+    in_force: str = ""  # onboard calibration that a blackbox states in its headers, and that its readings include
     encoding: str = "utf-8"
     newline: str = "\n"
 
     @property
     def is_blackbox(self) -> bool:
-        """Whether the table is a decoded blackbox log, whose readings are in axes of the board."""
+        """Whether the table is a decoded blackbox log, whose readings are in the axes of the board."""
         return self.columns.field.names[0].casefold().startswith("magadc")
 
     def is_reading(self, text: str) -> bool:
-        """Tell whether a line below the header is expected to be a reading of the selected device."""
+        """Whether a line below the header is expected to be a reading of the selected device."""
         return self._is_row(text) and not self.is_of_other_device(text)
 
     def is_of_other_device(self, text: str) -> bool:
-        """Tell whether a line is a row of another device."""
+        """Whether a line is a row of another device."""
         device = self.columns.device
         return device is not None and self._is_row(text) and device.is_of_other(split(text, self.grid.delimiter))
 
@@ -108,7 +108,7 @@ class TextLayout:
         return is_empty and any(cells[cell].strip() for cell in self.spare if cell < len(cells))
 
     def _is_row(self, text: str) -> bool:
-        """Tell whether a line is neither blank, a comment nor a repeated header."""
+        """Whether a line is none of these: blank, a comment, a repeated header."""
         return bool(text.strip()) and not is_comment(text) and not (self.header_text and text == self.header_text)
 
     def __str__(self) -> str:
@@ -123,14 +123,14 @@ class TextLayout:
 
 @dataclass(slots=True)
 class Cells(Dialect):
-    """Dialect for the rows of a table."""
+    """Dialect of lines that are rows of a table."""
 
     grid: Grid
     header_text: str = ""  # the header line
 
     @classmethod
     def of(cls, layout: TextLayout, words: str, nameless: Sequence[str] = ()) -> Cells:
-        """Dialect for a laid-out table; units stated outside the header are appended to its names."""
+        """Dialect for a table with a layout; units that are stated outside the header are appended to its names."""
         own = [each for each in (layout.columns, *layout.columns.magnetometers) if each.stated]
         told = {cell: each.unit for each in own for cell in each.field.cells}
         units = layout.units or [told.get(cell, "") for cell in range(len(layout.header))]
@@ -139,7 +139,7 @@ class Cells(Dialect):
         return cls(words, tuple(names or nameless), layout.grid, layout.header_text)
 
     def row(self, line: str) -> list[str] | None:
-        """Split a line; one of another width, or with text instead of a magnetometer's number, is no row."""
+        """Split a line into cells; a line of another width, or with text in place of the field, gives no row."""
         if self.header_text and line == self.header_text:
             return []
         if is_comment(line) or self.grid.row(line) is None:
@@ -157,7 +157,7 @@ def recognise_table(
     choice: Choice = FIRST_SENSOR,
     every: EveryLine | None = None,
 ) -> TextLayout:
-    """Recognise the layout of a table from its first lines; `header` are names known from elsewhere."""
+    """Recognise the layout of a table from its first lines; `header` are names of columns that are known otherwise."""
     end = max((place for place, text in enumerate(texts[:TRIED_LINES]) if _END_OF_HEADER.fullmatch(text)), default=-1)
     texts = [""] * (end + 1) + texts[end + 1 :]
     lines = [(place, text) for place, text in enumerate(texts) if text.strip() and not is_comment(text)]
@@ -178,7 +178,7 @@ def recognise_table(
 
 
 class Body(NamedTuple):
-    """Lines of a table that are rows of numbers; with a sensor in each row, only those of the magnetometer."""
+    """Rows of numbers in a table; if each row names its sensor, only the rows of the magnetometer."""
 
     rows: dict[int, list[str]]  # cells by line index
     places: list[int]  # line indices of rows with the most common width
@@ -187,7 +187,7 @@ class Body(NamedTuple):
 
     @classmethod
     def of(cls, best: Cut, name: str) -> Body:
-        """Take the rows of a split text. Raises NoMagnetometer if they have too many columns."""
+        """Take the rows of a split text; raises `NoMagnetometer` if they have too many columns."""
         words = [at for at, value in enumerate(next(iter(best.values.values()))) if value is None]
         sensors = sensor_column(list(best.rows.values()), words)
         rows = {place: cells for place, cells in best.rows.items() if not sensors or sensors.is_of_first(cells)}
@@ -213,17 +213,17 @@ class Body(NamedTuple):
         return self.width - next((at for at in range(self.width) if any(cells[-1 - at].strip() for cells in alike)), 0)
 
     def is_even(self, has_header: bool) -> bool:
-        """Whether rows of another width count as broken: under a header, or if they are few."""
+        """Whether rows of another width count as broken: always under a header, otherwise if they are few."""
         return has_header or len(self.places) >= MIN_SAME_WIDTH_SHARE * len(self.rows)
 
 
 class Head(NamedTuple):
-    """Header of a table, and the first numbers below it."""
+    """Header of a table, and the first rows of numbers below it."""
 
     place: int  # line index of the header; -1 without one
     names: list[str]
     width: int  # columns
-    words: str  # phrase for a number of names that differs from the number of fields
+    words: str  # words for a header that does not fit the columns
     values: Floats
     clocks: list[Clock]
 
@@ -231,7 +231,7 @@ class Head(NamedTuple):
     def of(
         cls, name: str, texts: list[str], best: Cut, body: Body, known: Sequence[str], asked: AnyColumns | None
     ) -> Head:
-        """Find the header above the rows; `known` are names from elsewhere, `asked` the requested columns."""
+        """Find the header above the rows; `known` are names from elsewhere, `asked` are the requested columns."""
         sign, start, filled = best.signs[0], body.start, body.filled_width
         above = lines_above(texts[:start], sign, body.sensors)
         place, names = (-1, list(known)) if known else find_header(above, sign, filled, body.width)
@@ -287,7 +287,7 @@ def _table(
 
 
 def _choose_columns(name: str, texts: list[str], head: Head, body: Body, choosing: partial[Columns | None]) -> Columns:
-    """Choose the columns, in the unit that is stated above them; NoMagnetometer if the choice is not clear."""
+    """Choose the columns, in the unit stated above them; raises `NoMagnetometer` if the choice is unclear."""
     start, header, values, alike = body.start, head.names, head.values, body.rows_of_one_width
     line = f" (line {start + 1}: {shorten(texts[start])!r})"
     chosen = choosing(
@@ -308,20 +308,20 @@ def _choose_columns(name: str, texts: list[str], head: Head, body: Body, choosin
 
 
 def _spare_columns(rows: Sequence[Sequence[str]], field: Sequence[int]) -> frozenset[int]:
-    """Places that are empty in every row with a value of the field."""
+    """Places that are empty in every row that has a value of the field."""
     filled = [{place for place, cell in enumerate(row) if cell.strip()} for row in rows]
     return frozenset(range(len(rows[0]))).difference(*(places for places in filled if places & set(field)))
 
 
 def _first_numbers(best: Cut, places: Sequence[int], width: int, texts: Sequence[str]) -> tuple[Floats, list[Clock]]:
-    """Numbers of the first rows, with seconds in place of non-numeric times, and the clocks of these times."""
+    """Numbers of the first rows, and the clocks of their times; a time that is text is in seconds."""
     some = places[:SAMPLED_ROWS]
     values = np.array([best.values[place][:width] for place in some], dtype=float)
     return values, _clocks(texts, [best.rows[place] for place in some], values, best.signs[0])
 
 
 def _numbers_of_all(texts: Sequence[str], values: Floats, signs: tuple[str, str]) -> Floats:
-    """Numbers of all lines instead of the first ones, if an axis of a table without header only rises in those."""
+    """Numbers of all lines, if an axis only rises in the first lines of a table without a header; else unchanged."""
     width = values.shape[1]
     if width not in (3, 4) or not has_clock(values[:, width - 3 :]):
         return values
@@ -331,9 +331,9 @@ def _numbers_of_all(texts: Sequence[str], values: Floats, signs: tuple[str, str]
 
 
 def _clocks(texts: Sequence[str], rows: Sequence[Sequence[str]], values: Floats, delimiter: str) -> list[Clock]:
-    """Find the non-numeric columns of times, and put their seconds into `values`.
+    """Find the time columns that are not numeric, and put their seconds into `values`.
 
-    If the first rows leave the order of day and month open, all lines are used.
+    All lines are used if the first rows leave the order of day and month open.
     """
     words = [place for place, column in enumerate(values.T) if np.isfinite(column).mean() < 0.5]
     clocks = []
@@ -346,9 +346,9 @@ def _clocks(texts: Sequence[str], rows: Sequence[Sequence[str]], values: Floats,
 
 
 def _devices(head: Head, body: Body, delimiter: str, every: EveryLine) -> tuple[Device, ...]:
-    """Devices that a column distinguishes, found by its name or first rows, then by all rows.
+    """Devices that a column distinguishes: found by its name or in the first rows, then listed from all rows.
 
-    Columns of times are ignored; a column of sensors selects the rows of a magnetometer.
+    Columns of times are ignored. If a column names sensors, only the rows of a magnetometer count.
     """
     header, width, sensors = head.names, head.width, body.sensors
     times = {cell for clock in head.clocks for cell in clock.cells}

@@ -102,7 +102,7 @@ class LineShapes:
         return is_often and known.lines <= MAX_IN_A_ROW * known.returns
 
     def _is_rest(self, known: _Shape) -> bool:
-        """Tell whether a line may be the rest of a reading; a full set of numbers with each reading is not."""
+        """Whether a line may be a fragment of a reading; a line of another sensor beside each reading is none."""
         shape, letters = known.example, _letters_of(known.example)
         is_of_each = known.returns >= MIN_SHARE_OF_EACH * self._count
         if not letters:

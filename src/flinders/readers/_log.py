@@ -1,7 +1,7 @@
-"""A log: a file with one or more instruments, their calibration in force, its position and its time.
+"""A log: a file with instruments, the calibration that the vehicle applied, its position and its time.
 
-Each of its magnetometers is an `Instrument`, which is a `Recording`: readings as measured, with the calibration in
-force on board removed, or as they were logged.
+Each magnetometer of a log is an `Instrument`, which is a `Recording`. It yields readings as measured, with the onboard
+calibration removed, or readings as they were logged.
 
 >>> from flinders.core.samples import Samples
 >>> from flinders.core.units import Unit
@@ -50,18 +50,18 @@ MAX_ALTITUDE_M: Final = 1e5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stored:
-    """The calibration in force when a log was made; the last one if there were several."""
+    """Onboard calibration when a log was made; if it was changed meanwhile, the last one."""
 
-    #: calibration of raw readings, before the mounting, without field strength; None if its numbers flatten the
-    #: readings
+    #: Calibration of raw readings, before the mounting and without field strength. None if its numbers flatten the
+    #: readings.
     calibration: Calibration | None
-    #: its parameters as the target names them: ``COMPASS_OFS −12, 40, −93 mG; COMPASS_DIA 1.02, 0.99, 1.00``
+    #: Its parameters with the target's names: ``COMPASS_OFS −12, 40, −93 mG; COMPASS_DIA 1.02, 0.99, 1.00``
     words: str = ""
-    applied: bool = True  #: readings were logged after it; else there is nothing to remove
-    changes: int = 0  #: number of changes in the log
+    applied: bool = True  #: whether the logged readings include this calibration, so that it can be removed
+    changes: int = 0  #: number of changes of the calibration within the log
 
     def sentence(self, *, as_logged: bool) -> str:
-        """Describe whether this calibration was removed from the readings."""
+        """Sentence on whether this calibration was removed from the readings."""
         if not self.applied:
             return f"logged raw, without {self.words}"
         return f"{'as logged, after' if as_logged else 'un-applied:'} {self.words}"
@@ -69,7 +69,7 @@ class Stored:
 
 @dataclass(frozen=True, slots=True)
 class Position:
-    """Position of a log."""
+    """Geographic position of a log."""
 
     latitude_deg: float  #: degrees, north and east positive (WGS 84)
     longitude_deg: float
@@ -79,7 +79,7 @@ class Position:
 def first_position(
     latitude: Floats, longitude: Floats, altitude: Floats, *, fixed: NDArray[np.bool_]
 ) -> Position | None:
-    """First of the (N,) positions in degrees and metres that is `fixed` and valid."""
+    """First of the (N,) positions, in degrees and metres, that is `fixed` and valid; None if there is none."""
     usable = fixed & (np.abs(latitude) <= 90) & (np.abs(longitude) <= 180) & ((latitude != 0) | (longitude != 0))
     for row in np.flatnonzero(usable)[:1]:
         height = float(altitude[row])
@@ -94,44 +94,44 @@ class Instrument:
     source: str  #: the file, for messages
     name: str  #: name in the log: ``MAG 0``, ``sensor_mag 1 (device 396809)``, ``/imu/mag``
     unit: Unit  #: unit of the readings of `columns`
-    #: yields blocks of `Samples` from the first on at each call; its argument is True for readings as logged, or False
-    #: with the `stored` calibration removed
+    #: Yields blocks of `Samples`, from the first one on at each call. The argument is True for readings as logged, and
+    #: False for readings with the `stored` calibration removed.
     columns: Callable[[bool], Iterator[Samples]]
-    stored: Stored | None = None  #: calibration in force according to the log, if readings are logged after it
+    stored: Stored | None = None  #: onboard calibration that the logged readings include, if the log states one
     axes: Axes = field(default_factory=Axes)
-    #: axes of `columns`, ``sensor`` or ``vehicle``: with the `stored` calibration removed, and as logged
+    #: axes of `columns`, ``sensor`` or ``vehicle``: first without the `stored` calibration, then as logged
     frames: tuple[str, str] = ("sensor", "sensor")
     autopilot: Literal["ardupilot", "px4"] | None = None  #: autopilot whose compass it is
-    compass: int | None = None  #: its compass number on the autopilot
-    device_id: int | None = None  #: its device id on the autopilot
-    #: its own mounting, if it has one: roll, pitch and yaw in degrees
+    compass: int | None = None  #: number of the compass on the autopilot
+    device_id: int | None = None  #: device id of the compass on the autopilot
+    #: mounting of the compass, if it is separate: roll, pitch and yaw in degrees
     mounting: tuple[float, float, float] | None = None
     as_logged: bool = False
     span: TimeSpan = field(default_factory=TimeSpan)  #: only readings within this span are yielded
-    #: s: start of the span by the clock of `columns`; NaN stands for the first reading
+    #: s: start of the span by the clock of `columns`; NaN if the span starts at the first reading
     beginning: float = np.nan
-    readings: int | None = None  #: number of readings of `columns`, if known beforehand
+    readings: int | None = None  #: number of readings of `columns`, if it is known before they are read
     notes: tuple[str, ...] = ()  #: remarks, a sentence each
     fields: tuple[str, ...] = ()  #: names of the columns of x, y and z in a table
     unread_time: str = ""  #: names of columns that look like a time, if none is read
-    others: tuple[str, ...] = ()  #: names of the log's other magnetometers, if none was selected
-    damage: tuple[str, ...] = ()  #: parts of the file that could not be read, if it is cut short or broken
+    others: tuple[str, ...] = ()  #: names of the log's other magnetometers, if the user selected none
+    damage: tuple[str, ...] = ()  #: parts of the file that could not be read; empty for an intact file
     position: Position | None = None  #: position of the log
     start_time: datetime | None = None  #: start of the log in UTC
     velocity: TimeSeries | None = None  #: velocity over ground, north and east, m/s, by the clock of `columns`
-    file: Source | None = None  #: raw bytes of the file on disk
-    temporary_files: tuple[Source, ...] = ()  #: temporary files that it needs
-    #: called once per block with the bytes read so far, estimated by the share of `readings`, and their total
+    file: Source | None = None  #: file on disk from which the bytes are read
+    temporary_files: tuple[Source, ...] = ()  #: temporary files that must exist while the recording is used
+    #: called once per block with the bytes read so far, estimated from the number of readings, and their total
     progress: Progress | None = None
-    #: finds columns by their names in the log: time series by the clock of `columns`, without missing ones, and some of
-    #: the names that exist
+    #: Finds columns by their names in the log. Returns time series by the clock of `columns` for the names that exist,
+    #: and some of the existing names.
     look_up: Callable[[Sequence[str]], tuple[Mapping[str, TimeSeries], Sequence[str]]] | None = None
     auxiliary: Mapping[str, TimeSeries] = field(default_factory=dict)  #: auxiliary columns that are read, by name
 
     def with_auxiliary(self, names: Sequence[str], *, are_needed: bool = True) -> Instrument:
         """The instrument with further columns, read at the times of the readings.
 
-        Raises `InputError` for a missing name if `are_needed`; else the name is left out.
+        Raises `InputError` for a missing name if `are_needed`; otherwise the name is left out.
         """
         found, there = ({}, ()) if self.look_up is None else self.look_up(names)
         for name in names:
@@ -146,9 +146,9 @@ class Instrument:
 
     @property
     def onboard(self) -> Calibration | None:
-        """Calibration in force for the readings of `blocks`; None if unknown, or if they already include it.
+        """Onboard calibration for the readings of `blocks`; None if it is unknown, or if they include it already.
 
-        Its field strength is that of the site, if the log states one.
+        Its field strength is that of the site if the log states a site.
         """
         if self.stored is None or self.stored.calibration is None or (self.as_logged and self.stored.applied):
             return None
@@ -159,10 +159,10 @@ class Instrument:
 
     @raise_own_errors
     def blocks(self) -> Iterator[Samples]:
-        """Yield the readings, in `axes` and within `span`.
+        """Yield the readings within `span`, in the axes of `axes`.
 
-        Raises `UnreadableInput` if the log cannot be read to its end, or no reading is left; `UsageError` if the span
-        contains no reading.
+        Raises `UnreadableInput` if the log cannot be read to its end or no reading is left, and `UsageError` if the
+        span contains no reading.
         """
         clock, gone, given = self.span.clock(self.source, self.beginning), 0, 0
         onboard = self.onboard
@@ -189,7 +189,7 @@ class Instrument:
         return {name: series.at(time)[:, 0] for name, series in self.auxiliary.items()}
 
     def describe(self) -> str:
-        """Describe in one line the readings that are used, and the calibration that was removed."""
+        """Describe in one line the readings that are used, and the onboard calibration that was removed."""
         parts = [f"{self.source}: {self.name} in {self.unit.name}"]
         if self.stored is not None:
             parts.append(self.stored.sentence(as_logged=self.as_logged))
@@ -205,21 +205,21 @@ class Instrument:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Log:
-    """Contents of a file with instruments."""
+    """Contents of a log file."""
 
     source: str  #: the file, for messages
-    format: str  #: format name for users: ``HDF5``
+    format: str  #: name of the format for users, such as ``HDF5``
     instruments: tuple[Instrument, ...]  #: its magnetometers, in the order of their numbers
     position: Position | None = None
     start_time: datetime | None = None  #: start in UTC
     #: remarks on the file, a sentence each: that it was cut short, that its clock jumps
     notes: tuple[str, ...] = ()
-    damage: tuple[str, ...] = ()  #: the notes on parts that could not be read
-    #: its magnetometers are columns of one table; the topic selects the member of an archive that holds it
+    damage: tuple[str, ...] = ()  #: those of the notes that concern parts which could not be read
+    #: whether its magnetometers are columns of one table; `topic` then selects the member of an archive with that table
     is_table: bool = False
 
     def sensor(self, wanted: str) -> Instrument:
-        """Find a magnetometer by its number, counted from 1, or by its name.
+        """Magnetometer with a number, counted from 1, or a name.
 
         Raises `UsageError` with the existing names if there is none.
         """
@@ -227,7 +227,7 @@ class Log:
 
 
 def start_time_of(log: Log) -> float:
-    """Time of the first reading of any magnetometer, in s; NaN without times."""
+    """Time in s of the first reading of any magnetometer; NaN without times."""
     times = []
     for instrument in log.instruments:
         block = next(iter(instrument.columns(True)), None)

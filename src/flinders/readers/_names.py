@@ -1,7 +1,7 @@
-"""Meanings of column names: sensor, axis and unit.
+"""Meanings of column names: the sensor, the axis and the unit that a name states.
 
-Names are split into words, so that no list of known headers is needed, and matched regardless of case and of a damaged
-µ.
+A name is split into words, so that no list of known headers is needed. Words match regardless of case, and µ may be
+wrongly encoded.
 
 >>> meaning("magADC[0]")
 Meaning(kind='field', axis='0', unit='', rank=0)
@@ -36,7 +36,7 @@ AUXILIARY: Final = "auxiliary"  # a column that is requested by its name
 _DEGREES = math.pi / 180
 
 _FIELD_FACTORS: Final = {name: 1.0 for name in SPELLINGS if name != "raw"}
-# Spellings of units in names, and the factor to seconds, rad/s, °C and A; a field is scaled by `Unit`.
+# Spellings of units in names, with the factor to s, rad/s, °C and A; a field is scaled by `Unit`.
 FACTORS: Final[dict[str, dict[str, float]]] = {
     FIELD: _FIELD_FACTORS,
     ACCELERATION: dict.fromkeys(("m/s2", "m/s²", "m/s^2", "mps2", "ms2", "ms-2", "m/s/s", "m/sec2", "g", "mg"), 1.0),
@@ -58,14 +58,14 @@ FACTORS: Final[dict[str, dict[str, float]]] = {
 }
 _UNITS: Final = frozenset(unit for units in FACTORS.values() for unit in units)
 _UNITS_OF_AXES: Final = frozenset(unit for kind in (FIELD, ACCELERATION, RATE) for unit in FACTORS[kind])
-# Letters that stand for sensors, as in ``mx``, ``B_x`` or ``geo_x``, and the letters that may follow the name of a
-# device, as in ``imu_mx``; a ``b`` after a device is a bias or the second one.
+# Letters that stand for sensors, as in ``mx``, ``B_x`` or ``geo_x``; then the letters that may follow the name of a
+# device, as in ``imu_mx``. A ``b`` after a device is a bias or the second device.
 _LETTERS: Final = {
     "m": FIELD, "h": FIELD, "b": FIELD, "mf": FIELD, "geo": FIELD, "a": ACCELERATION, "g": RATE, "w": RATE,
 }  # fmt: skip
 _LETTERS_OF_A_DEVICE: Final = "magw"
-# Chips by measured quantity; those of the last row have several sensors, so that their name alone is ambiguous. Those
-# of the table in core/chips.toml are among them (tests/core/test_chips.py).
+# Chips by the quantity that they measure. Those of the last row have several sensors, so that their name alone is
+# ambiguous. All chips of core/chips.toml are among them (tests/core/test_chips.py).
 _CHIPS: Final = {
     FIELD: (
         r"lis[23]mdl|iis2mdc|[hq]mc5[89]83[lp]?|hmc5843|vcm5883l?|qmc6310[un]?"
@@ -79,7 +79,7 @@ _CHIPS: Final = {
         r"|bmx(?:055|160)|bmc15[06]|adis16\d{3}a?"
     ),
 }
-# The name of a chip, followed directly by a number, letter and axis: ``rm3100x``.
+# The name of a chip that is directly followed by a number, a letter and an axis: ``rm3100x``.
 _CHIP: Final = re.compile(rf"({'|'.join(_CHIPS.values())})(\d?)([{_LETTERS_OF_A_DEVICE}]?)([xyz]?)")
 # Devices with several sensors, and places: words that distinguish magnetometers.
 _DEVICES: Final = frozenset(("imu", "ahrs", "ins"))
@@ -90,7 +90,7 @@ PLACES: Final = frozenset(
         "backup", "master", "slave", "first", "second", "third",
     )
 )  # fmt: skip
-# Words of columns that accompany readings.
+# Words of columns with information about readings, such as their status.
 _OTHERS: Final = re.compile(
     r"(cov|std|sigma|var|offset|ofs|bias|abs|norm|total|magnitude|heading|health|accuracy|gain|scale$|quality|err)"
 )
@@ -99,8 +99,8 @@ _UNRELATED_WORDS: Final = re.compile(
     r"(lat|lon|lng|alt|gps|gnss|pos|vel|speed|course|roll|pitch|yaw|euler|baro|press|volt|batt|vbat|pwm|servo|rc$|hum"
     r"|light|lux|prox|step|index|seq|count|loop|sat|[hv]dop|rssi|status|flag|modes?$)"
 )
-# Sources of a reference field strength, and words for the strength; ``h`` is left out, as it is the horizontal part in
-# geomagnetism.
+# Sources of a reference field strength, and words for a strength. ``h`` is not among them: in geomagnetism it is the
+# horizontal component.
 _REFERENCES: Final = frozenset(("reference", "ref", "igrf", "wmm"))
 _STRENGTHS: Final = frozenset(("field", "strength", "total", "intensity", "f"))
 _CORRECTION_WORDS: Final = "cal|calib|calibrated|cald|corr|corrected|comp|compensated|filt|filter|filtered"
@@ -109,18 +109,18 @@ _FILTER_WORDS: Final = (  # a number after one belongs to it, as in ``avg10``, a
 )
 _CALIBRATION_WORD: Final = re.compile(rf"({_CORRECTION_WORDS})$")
 _DERIVED_WORD: Final = re.compile(rf"({_CORRECTION_WORDS}|({_FILTER_WORDS})\d*)$")
-# Words of three columns that are no readings of a sensor, and their kind.
+# Words that mark three columns as something other than readings of a sensor, with their kind.
 _DERIVED_KINDS: Final = {
     **dict.fromkeys((*sorted(_REFERENCES), "model", "true", "truth", "expected", "predicted"), "a reference"),
     **dict.fromkeys(("ned", "enu", "nwu", "ecef", "earth", "world"), "in axes of the earth"),
     **dict.fromkeys(("dir", "direction"), "a direction"),
     **dict.fromkeys(("min", "max", "diff", "delta", "status", "innov", "innovation", "residual"), "no readings"),
 }
-# Such a word directly after the sensor's: ``magref``.
+# Such a word directly after the word for a sensor: ``magref``.
 _JOINED_WORDS: Final = re.compile(
     rf"(mag|acc|gyro)(raw|{_CORRECTION_WORDS}|{_FILTER_WORDS}|unit|{'|'.join(_DERIVED_KINDS)})([xyz]?)"
 )
-# Numbers that do not identify a sensor: of bits, time steps, a filter, a version.
+# Words whose number is not that of a sensor: bits, time steps, a filter, a version.
 _MEASURES: Final = re.compile(
     rf"\b(u?int (8|16|24|32|64)|float (32|64)|({_FILTER_WORDS}|t|v|ver|version|k|order|lag) \d+|\d+ (bits?|hz|ms))\b"
 )
@@ -135,7 +135,7 @@ _CLOCKS: Final = re.compile(r"(dates?|day|datum|clock|utc|gmt|uhr.*|heure|hora|f
 _ELAPSED: Final = re.compile(r"offset[\s_]?(?=time\b)", re.IGNORECASE)  # a time since the start: ``offsetTime``
 _NUMBERED: Final = re.compile(r"field[\s_]?\d+", re.IGNORECASE)  # any quantity, as in ThingSpeak
 _NON_TIME_WORD: Final = re.compile(r"(day|date|zone|fix|offset|gps|time_of_day)$")
-# Words that may occur in the name of any such sensor.
+# Words that may occur in the name of any three-axis sensor.
 _COMMON: Final = re.compile(
     r"(mag.*|flux.*|compass|acc.*|gyr.*|angular|velocity|linear|axis|field|strength|vector|imu|ahrs|ins|sensor|dev|device|unit|node"
     r"|board|module|no|nr|num|id|instance|ch|channel|data|value|reading|measurement)$"
@@ -160,14 +160,14 @@ _DIRECTION_WORDS: Final = re.compile("unit|vec|field|mag|acc")
 _PARTS: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[^\x00-\x7f]+")
 _BROKEN_MICRO: Final = re.compile(r"(?:[^\x00-\x7f]+|i|\?)t")  # µT with wrongly decoded bytes
 CALIBRATED_RANK: Final = 10  # smallest rank of corrected readings
-BARE_CLEARNESS: Final = 2  # clearness of ``x``, ``y``, ``z``, which may be a position next to a magnetometer
-# Columns that are recognised by their whole name only, as written by `flinders.simulate.recording`: a ``throttle``
-# may be per cent or microseconds, and an attitude may refer to any axes.
+BARE_CLEARNESS: Final = 2  # clearness of ``x``, ``y``, ``z``, which may be a position if a magnetometer is recorded too
+# Columns that are recognised by their whole name only, as `flinders.simulate.recording` writes it: otherwise a
+# ``throttle`` may be per cent or microseconds, and an attitude may refer to any axes.
 _WRITTEN_HERE: Final = {
     "throttle_share": (THROTTLE, ""),
     **{f"{ATTITUDE}_{axis}": (ATTITUDE, axis) for axis in "wxyz"},
 }
-# Units in the names of single motors' columns, and the factor to A and shares; pulses in µs have none.
+# Units in the names of single motors' columns, with the factor to A or to a fraction of 1; pulses in µs have no factor.
 FACTORS_OF_MOTORS: Final[dict[str, dict[str, float]]] = {
     CURRENTS: {"": 1.0, "a": 1.0, "ma": 1e-3},
     THROTTLES: {"share": 1.0, "percent": 0.01, "pct": 0.01, "%": 0.01, "": 1e-3, "us": 1e-3, "µs": 1e-3},
@@ -186,27 +186,27 @@ _MOTOR_COLUMNS: Final = {
 
 
 class Meaning(NamedTuple):
-    """Meaning of a column name."""
+    """Meaning of the name of a column."""
 
-    kind: str  # one of the kinds above, or empty
-    axis: str = ""  # x, y or z, for an attitude also w; 0 to 3 for counted axes; number of a motor; or empty
-    unit: str = ""  # as in `FACTORS`; for a field or a strength as in `Unit`; or empty
-    rank: int = 0  # priority among several: the smallest is taken
+    kind: str  # one of the kinds above; empty for an unknown name
+    axis: str = ""  # x, y or z, also w for an attitude; 0 to 3 for numbered axes; the number of a motor; or empty
+    unit: str = ""  # as in `FACTORS`; for a field or a strength as in `Unit`; empty if not stated
+    rank: int = 0  # priority among several columns of a kind: the smallest rank is used
 
     @property
     def is_bare(self) -> bool:
-        """Whether the name is only an axis, of a field or of another quantity."""
+        """Whether the name is nothing but an axis, of a field or of another quantity."""
         return self.kind == FIELD and not self.unit and clearness(self.rank) >= BARE_CLEARNESS
 
 
 def clearness(rank: int) -> int:
-    """How clearly a name is a magnetometer's, best first: 0 ``mag_x``, 1 ``mx``, 2 ``x``."""
+    """Grade of how clearly a name is that of a magnetometer, the best first: 0 ``mag_x``, 1 ``mx``, 2 ``x``."""
     return rank % CALIBRATED_RANK // 2
 
 
 @lru_cache(maxsize=1_024)
 def meaning(name: str) -> Meaning:
-    """Meaning of a column name; its kind is empty if it is not recognised."""
+    """Meaning of the name of a column; the kind is empty for an unknown name."""
     if written := _WRITTEN_HERE.get(name.strip().casefold()):
         return Meaning(*written)
     for kind, pattern in _MOTOR_COLUMNS.items():
@@ -229,14 +229,14 @@ def meaning(name: str) -> Meaning:
 
 
 def is_inconclusive(name: str) -> bool:
-    """Tell whether a name is inconclusive, so that the column may be an axis of a magnetometer."""
+    """Whether a name says so little that the column may be an axis of a magnetometer."""
     known, words = meaning(name), [word.casefold() for word in _words(name)[0]]
     is_other = any(_UNRELATED_WORDS.match(word) or _OTHERS.match(word) for word in words)
     return known.is_bare or not (known.kind or is_other)
 
 
 def is_like_time(name: str) -> bool:
-    """Tell whether a column's name looks like a time.
+    """Whether the name of a column looks like that of a time.
 
     >>> [is_like_time(name) for name in ("timestamp", "UTC", "Date", "mx")]
     [True, True, True, False]
@@ -245,7 +245,7 @@ def is_like_time(name: str) -> bool:
 
 
 def is_letter_of_time(name: str) -> bool:
-    """Tell whether only a ``T`` marks a column as a time, which may also stand for a temperature.
+    """Whether only a ``T`` marks a column as a time; ``T`` may also stand for a temperature.
 
     >>> [is_letter_of_time(name) for name in ("T", "t_raw", "T_r", "t_ms", "time", "T_C")]
     [True, True, True, False, False, False]
@@ -264,13 +264,13 @@ def words_of(name: str) -> list[str]:
 
 
 def is_unit(text: str) -> bool:
-    """Tell whether a text is just a unit, as in a row of units below a header."""
+    """Whether a text is just a unit, as in a row of units below a header."""
     return _IN.sub("", SEPARATE_PREFIX.sub(r"\1", text)).casefold() in _UNITS
 
 
 @lru_cache(maxsize=1_024)
 def field_stem(name: str, axis: str) -> str:
-    """The name without its axis, which is the same for the three columns of one sensor."""
+    """A name without its axis; it is equal for the three columns of one sensor."""
     folded = name.strip().casefold()
     place = _place_of_axis(folded, axis)
     return f"{folded[:place]}*{folded[place + 1 :]}"
@@ -278,7 +278,7 @@ def field_stem(name: str, axis: str) -> str:
 
 @lru_cache(maxsize=1_024)
 def label(name: str) -> tuple[str, ...]:
-    """Words of a three-axis sensor's column that distinguish it from others of its kind."""
+    """Words in the name of a three-axis sensor's column that distinguish it from other sensors of its kind."""
     words = words_of_sensor(name)
     has_kind = any(_kind_of_word(word) or kind_of_chip(word) for word in words)
     plain = (_COMMON, _RAW, _DERIVED_WORD, _SENSOR_WORD)
@@ -289,38 +289,38 @@ def label(name: str) -> tuple[str, ...]:
 
 
 def is_chip(word: str) -> bool:
-    """Tell whether a lower-case word is the name of a known chip."""
+    """Whether a lower-case word is the name of a known chip."""
     return bool((chip := _CHIP.fullmatch(word)) and chip[1] == word)
 
 
 def kind_of_chip(word: str) -> str:
-    """Quantity that a chip measures; empty if it has several sensors."""
+    """Quantity that a chip measures; empty for a chip with several sensors."""
     return next((kind for kind, pattern in _CHIPS.items() if re.fullmatch(pattern, word)), "")
 
 
 def identifies_sensor(word: str) -> bool:
-    """Tell whether a word other than a number identifies one of several sensors: a place, a chip, a device."""
+    """Whether a word, other than a number, identifies one of several sensors: a place, a chip or a device."""
     return word in PLACES or word in _DEVICES or is_chip(word)
 
 
 def identifies_readings(word: str) -> bool:
-    """Tell whether a lower-case word identifies one of several sets of readings, or their processing."""
+    """Whether a lower-case word identifies one of several sets of readings, or the processing of readings."""
     return bool(identifies_sensor(word) or _RAW.match(word) or _DERIVED_WORD.match(word))
 
 
 @lru_cache(maxsize=1_024)
 def kind_of_no_readings(name: str) -> str:
-    """Kind of a three-axis column that is no readings of a sensor; empty if it may be."""
+    """Kind of three columns that are not readings of a sensor; empty if they may be readings."""
     words = words_of_sensor(name)
     if "main field" in " ".join(words):  # main field of the earth's core
         return "a reference"
-    if "unit" in words and all(map(_DIRECTION_WORDS.match, words)):  # but not the unit of a device
+    if "unit" in words and all(map(_DIRECTION_WORDS.match, words)):  # but a unit of a device is not a direction
         return "a direction"
     return next((_DERIVED_KINDS[word] for word in words if word in _DERIVED_KINDS), "")
 
 
 def source_rank(whole: str) -> int:
-    """0 if a name indicates a sensor, 2 for a field, which may be modelled, 1 for neither."""
+    """Rank of a name by its source: 0 for a sensor, 2 for a field, which may be that of a model, 1 for neither."""
     words = [word.casefold() for word in _words(whole)[0]]
     if any(_SENSOR_WORD.match(word) or _RAW.match(word) or is_chip(word) for word in words):
         return 0
@@ -329,7 +329,7 @@ def source_rank(whole: str) -> int:
 
 @lru_cache(maxsize=1_024)
 def sensor_name(name: str, axis: str, *, whole: bool = False) -> str:
-    """Name the sensor of a column: without axis, unit, ``raw`` and the like; if `whole`, only without the axis."""
+    """Name of a column's sensor: without axis, unit, ``raw`` and the like; with `whole`, only without the axis."""
     bare = name.strip() if whole else _BRACKET.sub("", name.strip())
     place = _place_of_axis(bare.casefold(), axis)
     pieces = _PIECES.findall(f"{bare[:place]}{bare[place + 1 :]}")
@@ -351,7 +351,7 @@ def words_of_sensor(name: str) -> list[str]:
 
 
 def _place_of_axis(folded: str, axis: str) -> int:
-    """Position of the axis letter or digit in a name: the last separate one, else the last."""
+    """Position of the axis letter or digit in a name: the last that is separate, else the last of all."""
     places = [match.start() for match in re.finditer(axis, folded)]
     around = {place: folded[max(place - 1, 0) : place] + folded[place + 1 : place + 2] for place in places}
     alone = [place for place in places if not any(map(str.isalpha, around[place]))]
@@ -359,7 +359,7 @@ def _place_of_axis(folded: str, axis: str) -> int:
 
 
 def _words(name: str) -> tuple[list[str], list[str]]:
-    """Split a name into its words and the units it may state, the most reliable first."""
+    """Split a name into its words, and into the units that it may state, the most reliable first."""
     units = []
     name = _ELAPSED.sub("", _IN.sub("", SEPARATE_PREFIX.sub(r"\1", name)))
     inside = _BRACKETED_UNIT.search(name)
@@ -385,7 +385,7 @@ def _words(name: str) -> tuple[list[str], list[str]]:
 
 
 def _split_axis(words: list[str]) -> tuple[list[str], str]:
-    """Find the axis in the words of a name: a separate word, the end or start of one, or a small number."""
+    """Find the axis among the words of a name: a word of its own, the end or start of a word, or a small number."""
     letters = [word for word in words if word in {"x", "y", "z"}]
     if len(letters) == 1:
         return [word for word in words if word != letters[0]], letters[0]
@@ -400,7 +400,7 @@ def _split_axis(words: list[str]) -> tuple[list[str], str]:
 
 
 def _vector(words: list[str], units: list[str], *, is_joined: bool) -> tuple[str, int]:
-    """Three-axis sensor that the words name, and the rank of its readings: the rawest have the smallest."""
+    """Three-axis sensor that the words name, and the rank of its readings; the rawest have the smallest rank."""
     raw = 0 if any(_RAW.match(word) for word in words) else 1
     names = [word for word in words if not word.isdigit()]
     kinds = [kind for word in names if (kind := _kind_of_word(word))] or list(filter(None, map(kind_of_chip, names)))
@@ -421,14 +421,14 @@ def _vector(words: list[str], units: list[str], *, is_joined: bool) -> tuple[str
 
 
 def _kind_of_word(word: str) -> str:
-    """Three-axis sensor that a word names; empty if none."""
+    """Three-axis sensor that a word names; empty for other words."""
     if word.startswith(("mag", "flux")) or word == "compass":
         return FIELD
     return ACCELERATION if word.startswith("acc") else RATE if word.startswith(("gyr", "angular")) else ""
 
 
 def _kind_of_bare_axis(units: list[str]) -> str:
-    """Possible kind of a name that is only an axis: a field, unless its unit is of another quantity."""
+    """Kind of a name that is just an axis: a field, unless its unit is that of another quantity."""
     for unit in units:
         if unit in {"g", "mg"}:  # lower case: gravity
             return ACCELERATION
@@ -454,7 +454,7 @@ def _scalar(words: list[str], units: list[str]) -> tuple[str, int]:
 
 
 def _is_strength(words: list[str], units: list[str]) -> bool:
-    """Tell whether a name is that of a reference field strength: its source, the quantity, and nothing else."""
+    """Whether a name states a reference field strength: its source and the quantity, and nothing else."""
     named = {word for word in words if not word.isdigit()}
     if not named & _REFERENCES or not named <= _REFERENCES | _STRENGTHS:
         return False
@@ -462,7 +462,7 @@ def _is_strength(words: list[str], units: list[str]) -> bool:
 
 
 def unit_of_field(name: str) -> str:
-    """Unit in the name of a column for a field; ``g`` is ignored, as it is gravity.
+    """Unit of a field in the name of a column; ``g`` is ignored, since it means gravity.
 
     >>> unit_of_field("磁场X(uT)"), unit_of_field("v1 [nT]"), unit_of_field("v1 (mg)"), unit_of_field("v1")
     ('uT', 'nT', '', '')
@@ -480,7 +480,7 @@ def unit_of_strength(name: str) -> str:
 
 
 def _unit(kind: str, units: list[str]) -> str:
-    """The unit that fits this kind of column, spelled as in `FACTORS` or, for a field, as in `Unit`."""
+    """The unit that fits a column of this kind, as spelled in `FACTORS` or, for a field, in `Unit`."""
     for unit in units:
         folded = unit.casefold()
         if kind in (FIELD, STRENGTH) and folded != "raw":

@@ -1,6 +1,7 @@
-"""Recognition of the dialect of text lines; lines in no dialect are a table.
+"""Recognition of the dialect of text lines; lines without a dialect are a table.
 
-A dialect is tried if a line contains its sign, in the order of `DIALECTS`; it converts lines to rows of a table.
+The dialects are tried in the order of `DIALECTS`, each if a line contains its sign. A dialect converts lines to rows of
+a table.
 
 >>> dialect = recognise(["starting up", "X: -20.8 Y: -20.2 Z: 26.1 uT", "X: -20.7 Y: -20.1 Z: 26.2 uT"])
 >>> dialect.words, dialect.names
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 
     EveryLine: TypeAlias = Callable[[], Iterable[str]]
 
-MAX_HEADING_LINES: Final = 2  # lines above a table of plain numbers that may hold any text
+MAX_HEADING_LINES: Final = 2  # number of lines above a table of plain numbers that may be any text
 _PLAIN: Final = re.compile(r"[-+.,;\s\d]*(?:(?:[eE][-+]\d|nan)[-+.,;\s\d]*)*", re.ASCII)
 _OPENS_JSON: Final = re.compile(r"^\s*[\[{]")
 _CLOCK: Final = re.compile(r"\d:\d\d:\d\d")
@@ -53,10 +54,10 @@ def recognise_layout(
     flat: str | None = None,
     every: EveryLine | None = None,
 ) -> tuple[Dialect | None, TextLayout]:
-    """Recognise the format of lines: a table, laid out by `lay_out`, or a dialect that converts lines to one.
+    """Recognise the format of lines: a table, laid out by `lay_out`, or a dialect that converts lines to a table.
 
-    If they are neither, raises the error of `lay_out`, or for a known text `NoMagnetometer` with its kind. `lines` are
-    the first lines of the file, and `every` yields all lines.
+    Lines in no format raise the error of `lay_out`; for a known text that is `NoMagnetometer` with its kind. `lines`
+    are the first lines of the file, and `every` yields all lines.
     """
     every = every or (lambda: lines)
     if pattern is None and (known := refusal(name, lines)):
@@ -82,7 +83,7 @@ def recognise_layout(
 def _lay_out(
     name: str, lines: list[str], lay_out: Callable[..., TextLayout], dialect: Dialect | None, every: EveryLine
 ) -> TextLayout:
-    """Lay out a table, or the table that a dialect makes of these lines."""
+    """Layout of lines as a table, or of the table that a dialect makes from them."""
     if dialect is None:
         return lay_out(lines, every=every)
     trial = deepcopy(dialect)  # a dialect stores parts of a reading
@@ -98,7 +99,7 @@ def _lay_out(
 
 
 def _rows_of(dialect: Dialect, every: EveryLine) -> Iterator[str]:
-    """Yield the rows of a table that a dialect makes of all lines."""
+    """Yield the rows of the table that a dialect makes from all lines."""
     trial = deepcopy(dialect)
     for line in every():
         if cells := trial.row(line):
@@ -106,14 +107,14 @@ def _rows_of(dialect: Dialect, every: EveryLine) -> Iterator[str]:
 
 
 def split_records(source: Source, encoding: str, beginning: str) -> Source | None:
-    """Put records of a JSON document, or datagrams without line ends, on separate lines; None for other text."""
+    """Source with records of a JSON document, or datagrams, on separate lines; None for other text."""
     if json_records.is_document(beginning) or json_records.has_batches(beginning):
         return derive_source(source, json_records.records_as_lines(source, encoding))
     return derive_source(source, marked.datagrams_as_lines(source)) if marked.has_joined_datagrams(beginning) else None
 
 
 def recognise(lines: list[str], flat: str | None = None) -> Dialect | None:
-    """Find the dialect whose sign the lines contain; None for a table. With `flat`, two axes after a time suffice."""
+    """Find the dialect whose sign the lines contain; None for a table. With `flat`, a time and two axes are enough."""
     if is_plain(lines):
         return None
     if flat and (level := wrapped.find_stamps(lines[:TRIED_LINES], recognise, partial(rows_of_table, flat=flat))):
@@ -126,7 +127,7 @@ def recognise(lines: list[str], flat: str | None = None) -> Dialect | None:
 
 
 def guess(lines: list[str]) -> Dialect | None:
-    """Find a dialect for lines that are no table: tuples, words before numbers, time stamps before a table."""
+    """Find a dialect for lines that are not a table: tuples, words before numbers, time stamps before a table."""
     return (
         wrapped.find_stamps(lines, recognise, rows_of_table, marked=False, share=wrapped.MIN_STAMP_SHARE_OF_OTHERS)
         or wrapped.find_stamps(
@@ -137,30 +138,30 @@ def guess(lines: list[str]) -> Dialect | None:
 
 
 def _recognise_labels(lines: list[str]) -> Dialect | None:
-    """Find labels that name a magnetometer, else three numbers between any words."""
+    """Find labels that name a magnetometer, or else three numbers between any words."""
     return labelled.recognise(lines) or labelled.recognise(lines, marked=False)
 
 
 def _named_table(lines: list[str]) -> Cells | None:
-    """Find the rows of a table with a header."""
+    """Dialect for the rows of a table with a header; None without one."""
     table = rows_of_table(lines)
     return table if table and table.header_text else None
 
 
 def _names_magnetometer(dialect: Dialect) -> bool:
-    """Tell whether names contain a magnetometer by a word, not just by a letter or an axis."""
+    """Whether names contain a magnetometer as a word, and not just as a letter or an axis."""
     known = map(meaning, dialect.names)
     return any(each.kind == FIELD and each.axis and clearness(each.rank) == 0 for each in known)
 
 
 def is_table(lines: list[str]) -> bool:
-    """Tell whether lines with label-like cells are a table: below names, or with an address such as `b4:01`."""
+    """Whether lines that seem to have labels are a table: with names above, or with an address such as `b4:01`."""
     addressed = sum(ADDRESS_CELL.search(line) is not None for line in lines[:TRIED_LINES])
     return 2 * addressed > len(lines[:TRIED_LINES]) or names_columns(lines)
 
 
 def names_columns(lines: list[str]) -> bool:
-    """Tell whether lines are a table with names above its columns, and a delimiter other than spaces."""
+    """Whether lines are a table with names above its columns and a delimiter other than spaces."""
     some = [(place, text) for place, text in enumerate(lines[:TRIED_LINES]) if text.strip() and not is_comment(text)]
     cuts = (split_lines(some, signs) for signs in signs_of(some) if signs[0] != SPACES)
     best = max(cuts, key=Cut.score, default=None)
@@ -172,7 +173,7 @@ def names_columns(lines: list[str]) -> bool:
 
 
 def rows_of_table(lines: list[str], flat: str | None = None) -> Cells | None:
-    """Find the rows of a table after time stamps; three unnamed columns are x, y, z, two are those of `flat`."""
+    """Dialect of a table's rows after time stamps. Unnamed columns are x, y, z if three, and the axes `flat` if two."""
     try:
         layout = recognise_table("", lines, flat=flat)
     except FlindersError:
@@ -183,11 +184,11 @@ def rows_of_table(lines: list[str], flat: str | None = None) -> Cells | None:
 
 
 class _Row(NamedTuple):
-    """A dialect with the sign that its lines contain."""
+    """A dialect with the sign by which lines are checked for it."""
 
     sign: re.Pattern[str]
     recognise: Callable[[list[str]], Dialect | None]
-    most: int | None = TRIED_LINES  # number of lines that are examined
+    most: int | None = TRIED_LINES  # number of lines that are examined; None for all
 
 
 DIALECTS: Final = (
@@ -203,5 +204,5 @@ DIALECTS: Final = (
 
 
 def is_plain(lines: list[str]) -> bool:
-    """Tell whether lines after the first two contain only numbers and delimiters, as a table does."""
+    """Whether the lines after the first two contain only numbers and delimiters, as those of a table do."""
     return len(lines) > MAX_HEADING_LINES and all(map(_PLAIN.fullmatch, lines[MAX_HEADING_LINES:TRIED_LINES]))

@@ -1,4 +1,4 @@
-"""Checks that refuse texts: no magnetometer, several sensors in one column, or grouped thousands.
+"""Checks that refuse texts: without a magnetometer, with several sensors in one column, or with grouped thousands.
 
 >>> refuse_one_value("log.csv", [f"mag_{axis},{value}" for axis in "xyz" for value in range(9)])
 Traceback (most recent call last):
@@ -49,29 +49,29 @@ ONE_VALUE_SIGNS: Final = (",", ";", "\t", "|")  # Delimiters of tables with one 
 SEARCHED_LETTERS: Final = 1024  # Characters of a line that are searched for labels
 MAX_EXAMPLE_LETTERS: Final = 160  # Longest line, in characters, that is shown as a pattern
 MAX_LINES_ABOVE: Final = 40  # First lines in which a header without readings is searched
-MAX_NAMELESS_COLUMNS: Final = 5  # Columns of a table without header whose leading number may name the sensor, at most
+MAX_NAMELESS_COLUMNS: Final = 5  # Largest number of unnamed columns in which a leading number may name the sensor
 MAX_CODES: Final = 16  # Largest number of different codes in a column that may name the sensor of each line
-MIN_CHANGE_SHARE: Final = 0.2  # Share of rows at which such a code changes
+MIN_CHANGE_SHARE: Final = 0.2  # Smallest share of rows at which such a code changes
 MIN_LINES_OF_CODE: Final = 10  # Smallest number of lines with a code for its lengths to be compared
 MIN_RATIO_TO_GRAVITY: Final = 2.0
 MIN_RATIO: Final = 5.0
-"""Ratio of median vector lengths that separates two sensors: the first if one is gravity, else the second."""
+"""Smallest ratios of median vector lengths by which two sensors are told apart: if one is gravity, and otherwise."""
 MAX_RANGES: Final = 16  # Columns whose ranges are listed
-_GROUPED_NUMBER: Final = re.compile(r"[-+\u2212]?[1-9]\d{0,2}[.,]\d{3}")  # thousands, or three decimals
+_GROUPED_NUMBER: Final = re.compile(r"[-+\u2212]?[1-9]\d{0,2}[.,]\d{3}")  # thousands, or a number with three decimals
 MATRIX: Final = re.compile(r"# (?:name: (?P<name>.+)|columns: (?P<columns>\d+)\s*$)")  # in text of Octave
 
 
 def refuse_unsafe(
     name: str, header: Sequence[str], alike: Sequence[Sequence[str]], chosen: Columns, decimal: str
 ) -> None:
-    """Raise an error if columns were not requested and rows mix several sensors or have thousands separators."""
+    """Raise an error if rows mix several sensors or have thousands separators, and the user chose no columns."""
     if not header or meaning(chosen.field.names[0]).is_bare:
         _refuse_mixed(name, header, alike)
     _refuse_thousands(name, alike, chosen, decimal)
 
 
 def refuse_nameless(name: str, devices: Sequence[Device], clocks: Sequence[Clock], width: int) -> None:
-    """Raise an error for a table without header in which one column names the sensor of each line."""
+    """Raise an error for a table without a header in which a column names the sensor of each line."""
     if devices and width <= MAX_NAMELESS_COLUMNS:
         words = ", ".join(" ".join(device.words) for device in devices[:MAX_NAMES])
         column = devices[0].cells[0]
@@ -85,7 +85,7 @@ def refuse_nameless(name: str, devices: Sequence[Device], clocks: Sequence[Clock
 
 
 def refuse_matrices(name: str, texts: Sequence[str]) -> None:
-    """Raise an error for Octave text with two or more matrices of three columns below each other."""
+    """Raise an error for Octave text with several matrices of three columns, one below the other."""
     named = (match for text in texts if text.startswith("# ") and (match := MATRIX.match(text)))
     known: list[str] = []
     wide: list[str] = []
@@ -101,7 +101,7 @@ def refuse_matrices(name: str, texts: Sequence[str]) -> None:
 
 @np.errstate(over="ignore", invalid="ignore")
 def refuse_coded(name: str, header: Sequence[str], values: Floats, cells: Sequence[int]) -> None:
-    """Raise an error if a column numbers the sensor of each line: vector lengths differ widely between its codes."""
+    """Raise an error if a column of codes seems to name the sensor: vector lengths differ widely between codes."""
     lengths = np.linalg.norm(values[:, cells], axis=1)
     for place in (place for place in range(values.shape[1]) if place not in cells):
         known = values[:, place][np.isfinite(values[:, place])]
@@ -124,15 +124,15 @@ def refuse_coded(name: str, header: Sequence[str], values: Floats, cells: Sequen
 
 
 def _is_gravity(lengths: Floats, usual: float) -> bool:
-    """Tell whether vector lengths are those of gravity in m/s² or g."""
+    """Whether vector lengths are those of gravity, in m/s² or g."""
     is_near = any(abs(usual / GRAVITY[unit] - 1) < GRAVITY_TOLERANCE for unit in ("m/s²", "g"))
     return is_near and float(np.median(np.abs(lengths - usual))) < MAX_GRAVITY_SPREAD * usual
 
 
 def refuse_one_value(name: str, lines: Sequence[str], *, may_be_in_turn: bool = False) -> None:
-    """Raise an error for a table with one value per row and a word for its axis: ``sensor.field_x,28.90,2026-11-22``.
+    """Raise an error for a table with one value and the word for its axis per row, such as ``sensor.x,28.90,2026``.
 
-    Labelled lines whose axes alternate are accepted with `may_be_in_turn`.
+    With `may_be_in_turn`, labelled lines whose axes alternate are accepted.
     """
     texts = [text for text in lines if text.strip() and not is_comment(text)]
     for delimiter in ONE_VALUE_SIGNS:
@@ -151,7 +151,7 @@ def refuse_one_value(name: str, lines: Sequence[str], *, may_be_in_turn: bool = 
 
 
 def _axes_of_words(words: Sequence[str]) -> list[str]:
-    """Repeated words that name the three axes of a magnetometer; none if there are too many different words."""
+    """Repeated words that name the three axes of a magnetometer; empty if there are too many different words."""
     counts = Counter(words)
     often = sorted(word for word, count in counts.items() if count >= MIN_READINGS and parse_number(word, ".") is None)
     found = magnetometers(often) if len(counts) <= MAX_DEVICES else ()
@@ -159,12 +159,12 @@ def _axes_of_words(words: Sequence[str]) -> list[str]:
 
 
 def _are_in_turn(words: Sequence[str]) -> bool:
-    """Tell whether most words differ from the next one."""
+    """Whether most words differ from the next one."""
     return 2 * sum(one != other for one, other in pairwise(words)) > len(words)
 
 
 def _refuse_mixed(name: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Raise an error if a column of words names the sensor of each line and none is a magnetometer."""
+    """Raise an error if a column of words names the sensor of each line, and none of the words is a magnetometer."""
     for place in range(min(map(len, rows))):
         known = sensors_of_words(row[place] for row in rows)
         if others := [word for word, each in known.items() if each.kind != FIELD]:
@@ -177,7 +177,7 @@ def _refuse_mixed(name: str, header: Sequence[str], rows: Sequence[Sequence[str]
 
 
 def _refuse_thousands(name: str, rows: Sequence[Sequence[str]], columns: Columns, decimal: str) -> None:
-    """Raise an error if commas or points seem to be thousands separators in readings."""
+    """Raise an error if commas or points in readings seem to be thousands separators."""
     grouped: list[str] = []
     whole: list[float] = []
     for cell in (row[place].strip() for row in rows for place in columns.field.cells):
@@ -197,7 +197,7 @@ def _refuse_thousands(name: str, rows: Sequence[Sequence[str]], columns: Columns
 
 
 def ranges(values: Floats) -> str:
-    """Range of each column of a table without names: ``1: 0 to 0.25, 2: -302 to 299``."""
+    """Range of each column in a table without names: ``1: 0 to 0.25, 2: -302 to 299``."""
     columns = [column[np.isfinite(column)] for column in values.T]
     ends = [f"{figures(each.min(), 3)} to {figures(each.max(), 3)}" if len(each) else "no numbers" for each in columns]
     written = [f"{number}: {each}" for number, each in enumerate(ends[:MAX_RANGES], 1)]
@@ -205,7 +205,7 @@ def ranges(values: Floats) -> str:
 
 
 def extremes_alone(name: str, texts: Sequence[str]) -> NoMagnetometer | None:
-    """Error for six numbers alone, the smallest and the largest of each axis; None for any other text."""
+    """Error for a text that is only six numbers, the extremes of each axis; None for any other text."""
     if len(texts) > 2 * len("xyz"):
         return None
     numbers = [each for text in texts for each in split_line(text[:SEARCHED_LETTERS])[0]]
@@ -238,7 +238,7 @@ def no_magnetometer(name: str, header: list[str], values: Floats, text: str, hea
 
 
 def _other_labels(name: str, text: str, line: str) -> NoMagnetometer | None:
-    """Error that names the other sensors in the labels of a line; None if there are no labels."""
+    """Error that names the other sensors in a line's labels; None for a line without labels."""
     gaps = split_line(text[:SEARCHED_LETTERS])[1]
     names = names_of(gaps) if len(gaps) > 1 else ()
     others = {meaning(each).kind for each in names} & {ACCELERATION, RATE}
@@ -253,7 +253,7 @@ def _other_labels(name: str, text: str, line: str) -> NoMagnetometer | None:
 
 
 def no_readings_found(name: str, lines: list[tuple[int, str]]) -> InputError:
-    """Error for a file without rows of three numbers, by its actual content."""
+    """Error for a file without rows of three numbers; it describes what the file contains."""
     if lines[-1][1] == GZIP_CUT_MARK:
         return UnreadableInput(
             f"{name} is cut short before its first reading: its gzip data have no end; copy it again"
@@ -298,7 +298,7 @@ def no_readings_found(name: str, lines: list[tuple[int, str]]) -> InputError:
 
 
 def _unrecognised_text(name: str, text: str, line: str) -> UnreadableInput:
-    """Error for unrecognised text, with a ``--pattern`` for a line that has numbers."""
+    """Error for unrecognised text; if a line has numbers, it suggests a ``--pattern``."""
     pattern = pattern_of(text) if len(text) <= MAX_EXAMPLE_LETTERS else ""
     example = ", as here if those are x, y and z" if pattern else ""
     return UnreadableInput(

@@ -32,29 +32,29 @@ if TYPE_CHECKING:
     from flinders.core.units import Unit
 
 MAX_GAP_S: Final = 2.5
-"""Longest gap in s between two measurements that is interpolated."""
+"""Longest gap in s between two measurements across which they are interpolated."""
 MAX_ATTITUDE_GAP_S: Final = 0.5
-"""Longest gap in s between two attitudes that is interpolated; autopilots log at least four per second."""
+"""Longest gap in s between two attitudes across which they are interpolated; autopilots log four or more per second."""
 THROTTLE_TOLERANCE: Final = 0.01
-"""Largest excess of a throttle over the range 0 to 1."""
+"""Largest amount by which a throttle may exceed the range 0 to 1."""
 MAX_TURN_RAD: Final = np.pi / 4
-"""Largest angle in rad between two attitudes that is interpolated; a larger one is a jump, or ambiguous."""
+"""Largest angle in rad between two attitudes that are interpolated; a larger one is a jump, or ambiguous."""
 MIN_HALF_TURN_COSINE: Final = float(np.cos(MAX_TURN_RAD / 2))
-"""Smallest product of two unit quaternions that are `MAX_TURN_RAD` apart: the cosine of half that angle."""
+"""Smallest inner product of two unit quaternions that are at most `MAX_TURN_RAD` apart: the cosine of half of it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimeSeries:
-    """Measurements with their own times."""
+    """Measurements of a sensor with their times."""
 
     time: Floats  # (M,), s, ascending
     values: Floats  # (M, k)
 
     @classmethod
     def of(cls, time: ArrayLike, values: ArrayLike) -> Self | None:
-        """Sort finite measurements by time; None if there are none.
+        """Sort finite measurements by time; None without any.
 
-        `time`: (M,) array-like, s; `values`: (M, k) array-like.
+        `time` is (M,) in s, `values` is (M, k).
         """
         when, measured = to_floats(time), to_floats(values)
         usable = np.isfinite(when) & np.isfinite(measured).all(axis=1)
@@ -66,7 +66,7 @@ class TimeSeries:
         return cls(when, measured) if len(when) else None
 
     def at(self, time: Floats) -> Floats:
-        """(N, k) values at these (N,) times, interpolated linearly; NaN before, after and in long gaps."""
+        """(N, k) values at (N,) times, interpolated linearly; NaN before, after and in long gaps."""
         values = np.column_stack([np.interp(time, self.time, column, np.nan, np.nan) for column in self.values.T])
         after = np.clip(np.searchsorted(self.time, time, side="right"), 1, max(len(self.time) - 1, 1))
         if len(self.time) > 1:
@@ -76,10 +76,11 @@ class TimeSeries:
         return values
 
     def mean_until_next(self, time: Floats) -> Floats:
-        """(N, k) mean from each of these (N,) times to the next, if there are measurements in between; else `at`.
+        """(N, k) mean from each of (N,) times to the next; the value by `at` where no measurement is in between.
 
-        The mean rate of the gyro gives the rotation of the body up to the next reading. Single values of a gyro that is
-        faster than the compass miss most of it: for the flight in the archive they leave half as much error again.
+        The mean rate of a gyro gives the rotation of the body up to the next reading. A gyro that is sampled faster
+        than the compass needs this mean: with single values, half as much error again is left in the flight of the
+        archive.
 
         >>> shaken = TimeSeries.of(np.arange(9.0) / 4, np.array([[0, 4, 0, 4, 0, 4, 0, 4, 0]]).T)
         >>> shaken.at(np.array([0.0, 1.0, 2.0])).ravel(), shaken.mean_until_next(np.array([0.0, 1.0, 2.0])).ravel()
@@ -98,7 +99,7 @@ class TimeSeries:
         return values
 
     def _area(self, time: Floats, here: Floats) -> Floats:
-        """(N, k) integral from the first measurement to these times, where the interpolated values are `here`."""
+        """(N, k) integral from the first measurement to each of (N,) times; `here` are the interpolated values."""
         steps = np.diff(self.time)[:, np.newaxis]
         whole = np.concatenate(
             [np.zeros((1, here.shape[1])), np.cumsum(0.5 * steps * (self.values[1:] + self.values[:-1]), axis=0)]
@@ -110,17 +111,17 @@ class TimeSeries:
 
 
 class AttitudeSeries(TimeSeries):
-    """Attitudes with their own times: `values` are unit quaternions."""
+    """Attitudes with their times; `values` are unit quaternions."""
 
     __slots__ = ()
 
     @classmethod
     def of(cls, time: ArrayLike, values: ArrayLike) -> Self | None:
-        """Sort (M, 4) quaternions w, x, y, z by their (M,) times, without those whose length is not 1."""
+        """Sort (M, 4) quaternions w, x, y, z by their (M,) times; those whose length is not 1 are left out."""
         return super().of(time, valid_attitudes(to_floats(values)))
 
     def at(self, time: Floats) -> Floats:
-        """(N, 4) attitudes at these (N,) times, interpolated at a constant rate on the shortest path.
+        """(N, 4) attitudes at (N,) times, interpolated at a constant rate on the shortest path.
 
         NaN before and after, in gaps longer than `MAX_ATTITUDE_GAP_S`, and between attitudes that differ by more than
         `MAX_TURN_RAD`.
@@ -139,11 +140,11 @@ class AttitudeSeries(TimeSeries):
 
 
 Series: TypeAlias = TimeSeries | tuple[TimeSeries, ...]
-"""Time series of one column of `Samples`; a tuple is several columns, each with its own times."""
+"""Time series of one column of `Samples`, or a tuple of several columns, each with its own times."""
 
 
 def resample(series: Mapping[str, Series | None], time: Floats, turn: Floats | None = None) -> dict[str, Any]:
-    """Columns of `Samples` at the times of readings; a (3, 3) rotation `turn` maps the axes of the series to theirs."""
+    """Columns of `Samples` at the times of readings; the (3, 3) `turn` rotates them into the readings' axes."""
     columns: dict[str, Any] = {}
     for kind, one in series.items():
         if one is None:
@@ -159,13 +160,13 @@ def resample(series: Mapping[str, Series | None], time: Floats, turn: Floats | N
 
 
 def _as_column(kind: str, values: Floats) -> Floats:
-    """(N,) for kinds with one number in `Samples`, else (N, k); throttles as shares."""
+    """(N,) values of kinds with one number in `Samples`, else (N, k); throttles as fractions of 1."""
     valid = throttle_shares(values) if kind in (THROTTLE, THROTTLES) else values
     return valid[:, 0] if kind in (CURRENT, THROTTLE, TEMPERATURE) else valid
 
 
 def throttle_shares(values: Floats) -> Floats:
-    """Throttles of a log as shares: NaN outside 0 to 1, with a tolerance of 0.01 for rounding.
+    """Throttles of a log as fractions of 1; NaN outside 0 to 1, with a tolerance of 0.01 for rounding.
 
     >>> throttle_shares(np.array([0.5, 1.005, -0.2]))
     array([0.5, 1. , nan])
@@ -177,13 +178,13 @@ def throttle_shares(values: Floats) -> Floats:
 
 
 def number_skipped_rows(samples: Samples, before: int) -> Samples:
-    """A block of a recording whose skipped rows are numbered from the start of it: `before` rows precede the block."""
+    """A block whose skipped rows are numbered from the start of the recording; `before` rows precede the block."""
     skipped = (replace(one, lines=tuple(line + before for line in one.lines)) for one in samples.skipped)
     return replace(samples, skipped=tuple(skipped)) if samples.skipped and before else samples
 
 
 def blocks(source: str, unit: Unit, count: int, rows: Callable[[slice], dict[str, Any]]) -> Iterator[Samples]:
-    """Yield the readings of a magnetometer; `rows` returns the columns of a slice, by name."""
+    """Yield blocks of a magnetometer's readings; `rows` returns the columns of a slice, by name."""
     for start in range(0, count, BLOCK_ROWS):
         samples = Samples.of(unit=unit, source=source, **rows(slice(start, start + BLOCK_ROWS)))
         yield number_skipped_rows(samples, start)

@@ -1,4 +1,4 @@
-"""Copies of a recording's lines with corrected numbers for the magnetometer."""
+"""Copies of a recording's lines in which the magnetometer's numbers are corrected."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SUFFIX: Final = "_cal"
 
 
 class Rewriter:
-    """Replaces numbers in lines, or with `add` appends them, and leaves the rest unchanged."""
+    """Replacement of numbers in lines, which leaves the rest unchanged; with `add` the numbers are appended instead."""
 
     def __init__(self, layout: TextLayout, *, add: bool) -> None:
         if layout.columns.reset is not None and not add:
@@ -40,7 +40,7 @@ class Rewriter:
         self._cell = re.compile(rf'({spaces}"(?:[^"]|"")*"{spaces}(?={mark}|$)|[^{mark}]*)(?:{mark}|$)')
 
     def header_lines(self) -> Iterator[str]:
-        """Yield a header, if the recording has names but no header line."""
+        """Yield a header line, if the recording has names of columns but no header line."""
         header = self._layout.header
         if header and not self._layout.header_line:
             yield self._name_added_columns(",".join(map(quote_cell, header))) + self._layout.newline
@@ -54,7 +54,7 @@ class Rewriter:
         return chain.from_iterable(self._replace_numbers(texts[block], field[block]) for block in blocks)
 
     def _replace_numbers(self, texts: Sequence[str], field: Floats) -> Iterable[str]:
-        """Replace numbers in lines that are all readings, column by column if all have the same unquoted cells."""
+        """Replace numbers in lines that are all readings; by columns if all lines have the same unquoted cells."""
         delimiter, end = self._delimiter, self._layout.newline
         between = f"{delimiter}\n{delimiter}"
         cells = between.join(texts).split(delimiter)
@@ -72,7 +72,7 @@ class Rewriter:
         return (text + self._layout.newline for text in changed)
 
     def _one_by_one(self, lines: Lines, rows: NumberRows, field: Floats) -> Iterator[str]:
-        """Yield lines one by one: some may be no readings, or get appended cells."""
+        """Yield lines one by one, for lines that are not all readings, or that get appended cells."""
         layout = self._layout
         recorded = lines.texts
         texts: list[str | None] = [text or None for text in recorded] if layout.words else list(recorded)
@@ -95,7 +95,7 @@ class Rewriter:
         return (text.replace(".", ",") if self._layout.grid.decimal == "," else text).split(";")
 
     def _change_line(self, text: str, reading: Sequence[str]) -> str:
-        """Replace three numbers of a line, or append them."""
+        """Replace the three numbers of a line, or append three numbers to it."""
         cells = self._split_line(text)
         places = self._layout.columns.field.cells
         if self._add:
@@ -108,14 +108,14 @@ class Rewriter:
         return self._join_cells(cells)
 
     def _rename(self, texts: list[str | None], first: int) -> None:
-        """Append the names of added columns to each header line."""
+        """Append the names of added columns to each line that is a header."""
         layout = self._layout
         for place, text in enumerate(texts):
             if layout.header_line and text == layout.header_text and first + place >= layout.header_line:
                 texts[place] = self._name_added_columns(text)
 
     def _name_added_columns(self, header: str) -> str:
-        """Append names to a header."""
+        """Append the names of added columns to a header."""
         if not self._add:
             return header
         if self._layout.heading:
@@ -141,7 +141,7 @@ class Rewriter:
         return text + ("" if closed else between) + between.join(cells)
 
     def _split_line(self, text: str) -> list[str]:
-        """Split a line into cells with their spaces and quotes, so that `_join_cells` restores it."""
+        """Split a line into cells with their spaces and quotes, so that `_join_cells` can restore it."""
         if self._delimiter == SPACES:
             return re.findall(r"\s*\S+", separate_numbers(text))
         if '"' not in text:

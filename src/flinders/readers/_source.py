@@ -1,8 +1,8 @@
 r"""Bytes of a file, read as often as needed, or of a pipe, read as they arrive.
 
 Input that cannot be read twice (standard input, a named pipe, a serial port) is copied to a temporary file, which is
-deleted with its `File`. If one pass is enough, it is read as a `ByteStream`, which keeps nothing. Gzip is recognised by
-its first bytes.
+deleted together with its `File`. If one pass is enough, the input is read as a `ByteStream` instead, which stores
+nothing. Gzip is recognised by its first bytes.
 
 >>> piped = spool("-", [b"mx,my,mz\n", b"1,2,3\n"])
 >>> piped.size, [lines.texts for lines in piped.lines("utf-8")]
@@ -46,36 +46,36 @@ Progress: TypeAlias = "Callable[[int, int | None], None]"
 """Called once per block with the bytes read so far and the total, or None if the total is unknown."""
 GZIP: Final = b"\x1f\x8b"
 HEAD_BYTES: Final = 1 << 16
-"""Number of first bytes that are examined to recognise the format and the encoding of a file."""
+"""Number of first bytes by which the format and the encoding of a file are recognised."""
 END_BYTES: Final = 1 << 14
-"""Number of bytes at each end of a file that are compared, to distinguish a file that grew from an overwritten one."""
+"""Number of bytes at each end of a file that are compared, to distinguish growth from overwriting."""
 CHUNK_BYTES: Final = 1 << 18
 """Number of bytes per read."""
 MAX_SPOOLED_BYTES: Final = 64 << 30
-"""Largest size of a temporary copy in bytes; a longer pipe is refused, as it may be endless."""
+"""Largest size of a temporary copy in bytes. A longer pipe is refused, as it may be endless."""
 MAX_MEMBER_BYTES: Final = 4 << 30
 """Largest unpacked size in bytes of a member of an archive, or of a packed file of a ROS 2 recording."""
 MAX_MESSAGE_BYTES: Final = 1 << 16
-"""Largest size in bytes of a message in a log, whose length field has at most two bytes."""
+"""Largest size in bytes of a message in a log: its length field has at most two bytes."""
 MIN_ROWS, MIN_LINES = 20, 400
-"""Number of number rows of one width, or of lines, that are enough to recognise the format of a stream."""
+"""Number of rows of numbers with one width, or of lines, that are enough to recognise the format of a stream."""
 EMPTY_PIPE_MESSAGE: Final = "nothing was piped in"
 MIN_NUMBERS: Final = 3
-"""Smallest count of numbers in a line with a reading."""
+"""Smallest number of numbers in a line that is a reading."""
 
 
 @dataclass(frozen=True, slots=True, weakref_slot=True, eq=False)
 class File:
-    """A file whose content stays the same while it is being read."""
+    """A file whose content must not change while it is read."""
 
     name: str  # for messages
-    path: Path  # location of the bytes: the file itself, or its temporary copy
+    path: Path  # location of the bytes: the file itself or its temporary copy
     size: int  # size on disk in bytes, compressed or not
     status: os.stat_result | None = None  # status of the file when it was found; None for a private copy
-    ends: bytes = b""  # its first and last bytes at that time
+    ends: bytes = b""  # its first and last bytes when it was found
 
     def is_packed(self) -> bool:
-        """Whether the file on disk is compressed with gzip; raises as `opened`."""
+        """Whether the file on disk is compressed with gzip; raises the errors of `open_streams`."""
         with self.open_streams() as (_, unpacked):
             return isinstance(unpacked, gzip.GzipFile)
 
@@ -94,18 +94,18 @@ class File:
         return head[:HEAD_BYTES]
 
     def opening(self, encoding: str) -> tuple[list[str], bool]:
-        """Return the first block of lines, and whether these are all lines."""
+        """The first block of lines, and whether these are all lines."""
         with contextlib.closing(self.lines(encoding)) as blocks:
             first = next(blocks, Lines(1, "", 0, 0))
             return first.texts, next(blocks, None) is None
 
     def last_lines(self, encoding: str) -> list[str]:
-        """Return the complete lines among the last bytes; none for a compressed file."""
+        """The complete lines among the last bytes; none for a compressed file."""
         return [] if self.is_packed() else self.ends[-END_BYTES:].decode(encoding, "replace").splitlines()[1:]
 
     @contextlib.contextmanager
     def open_streams(self) -> Iterator[tuple[io.BufferedReader, io.BufferedIOBase]]:
-        """Open the file and give two streams, raw and unpacked; `UnreadableInput` if it cannot be read."""
+        """Open the file, and yield two streams of bytes, raw and unpacked; `UnreadableInput` if it cannot be read."""
         try:
             raw: Any = io.BufferedReader(UpTo(self.path, self.status.st_size if self.status else None))
         except OSError as error:
@@ -117,7 +117,7 @@ class File:
 
     @contextlib.contextmanager
     def mapped_bytes(self) -> Iterator[mmap.mmap]:
-        """Map the raw bytes of the file into memory; raises as `opened`."""
+        """Map the raw bytes of the file into memory; raises the errors of `open_streams`."""
         with contextlib.ExitStack() as opened:
             try:
                 stream = opened.enter_context(self.path.open("rb"))
@@ -127,7 +127,7 @@ class File:
             yield content
 
     def chunks(self) -> Iterator[bytes]:
-        """Yield all bytes, unpacked; raise `EndsEarly` if the gzip data are cut short, and as `lines`."""
+        """Yield all bytes, unpacked; raises `EndsEarly` for gzip data that are cut short, and the errors of `lines`."""
         with self.open_streams() as (raw, unpacked):
             yield from self._limited_chunks(raw, unpacked)
 
@@ -150,7 +150,7 @@ class File:
             raise UnreadableInput(f"{self.name} was replaced or changed while it was read: read it again")
 
     def _limited_chunks(self, raw: io.BufferedReader, unpacked: io.BufferedIOBase) -> Iterator[bytes]:
-        """Yield all bytes; if the compression ratio looks like that of a bomb, check the total size first."""
+        """Yield all bytes, unpacked; at the compression ratio of a decompression bomb, first check the total size."""
         chunks = _chunks(self.name, unpacked.read1)
         if not isinstance(unpacked, gzip.GzipFile):
             yield from chunks
@@ -164,14 +164,14 @@ class File:
             yield chunk
 
     def _weigh(self) -> None:
-        """Unpack the whole file and raise an error if the result is too large."""
+        """Unpack the whole file, and raise an error if its content is too large."""
         with self.open_streams() as (_, unpacked), contextlib.suppress(EndsEarly):
             for _chunk in limit_size(self.name, _chunks(self.name, unpacked.read1), lambda: self.size):
                 pass
 
 
 def _ends(name: str, path: Path, size: int) -> bytes:
-    """The first and the last `END_BYTES` bytes of a file of `size` bytes; `UnreadableInput` if it cannot be read."""
+    """First and last `END_BYTES` bytes of a file of `size` bytes; `UnreadableInput` if it cannot be read."""
     try:
         with io.BufferedReader(UpTo(path, size)) as file:
             first = file.read(END_BYTES)
@@ -182,23 +182,23 @@ def _ends(name: str, path: Path, size: int) -> bytes:
 
 
 class UpTo(io.FileIO):
-    """A file that ends at its size when it was opened, also if it grows."""
+    """A file that ends where it ended when it was opened, even if it has grown since."""
 
     def __init__(self, path: Path, size: int | None = None) -> None:
         super().__init__(path)
         self._size = os.fstat(self.fileno()).st_size if size is None else size
 
     def readinto(self, buffer: WriteableBuffer, /) -> int | None:
-        """Read into a buffer, up to that size."""
+        """Read into a buffer, up to the size at opening."""
         return super().readinto(memoryview(buffer)[: max(self._size - self.tell(), 0)])
 
     def readall(self) -> bytes:
-        """Read the rest, up to that size."""
+        """Read the rest, up to the size that the file had when it was opened."""
         return super().read(max(self._size - self.tell(), 0)) or b""
 
 
 class ByteStream:
-    """Unpacked bytes that arrive once and are not kept, such as those of a sensor that is still running."""
+    """Unpacked bytes that arrive once and are not stored, such as those of a sensor that is still running."""
 
     size: Final = None
 
@@ -210,7 +210,7 @@ class ByteStream:
         self._cut: EndsEarly | None = None
 
     def head(self) -> bytes:
-        """Wait for enough bytes to recognise the format: rows of numbers, `HEAD_BYTES` bytes, or the stream's end."""
+        """Wait for enough bytes to recognise the format: some rows of numbers, `HEAD_BYTES` bytes, or the end."""
         try:
             while not self._is_enough and (chunk := next(self._arriving, None)) is not None:
                 self._head += chunk
@@ -225,12 +225,12 @@ class ByteStream:
         return self._head
 
     def opening(self, encoding: str) -> tuple[list[str], bool]:
-        """Return the lines that have arrived so far, and False: the stream may have more."""
+        """The lines that have arrived so far, and False, since the stream may have more."""
         texts = [text for lines in lines_of(self._so_far(), encoding, lambda: 0) for text in lines.texts]
         return texts if self._ended or len(texts) < 2 else texts[:-1], False
 
     def chunks(self) -> Iterator[bytes]:
-        """Yield all bytes as they arrive; raise `EndsEarly` for data cut short, `UsageError` on a second pass."""
+        """Yield all bytes as they arrive; raises `EndsEarly` for data cut short, and `UsageError` on a second pass."""
         if self._is_read:
             raise UsageError(
                 f"{self.name} was opened for a single pass and has been read: open it for several passes",
@@ -262,15 +262,15 @@ Source: TypeAlias = File | ByteStream
 
 
 Check: TypeAlias = "Callable[[str, bytes], object]"
-"""Raises `UnreadableInput` if a source of this name with these first bytes cannot be read."""
+"""Check of a source by its name and first bytes, which raises `UnreadableInput` if the source cannot be read."""
 
 
 def find(path: str | os.PathLike[str] | IO[Any], *, once: bool = False, check: Check = refuse_foreign) -> Source:
-    """Find the source of a path: a file, pipe or device; ``"-"`` is standard input; an open file is read on.
+    """Find the source of a path: a file, a pipe or a device; ``"-"`` is standard input, an open file is read on.
 
-    With `once`, a source that can be read only once is not kept, and its bytes come as they arrive. Otherwise it
-    is copied, if its first bytes pass the `check`. A path without a file, without permission, a folder or an empty
-    file raises `UnreadableInput`.
+    A source that can be read only once is copied, if its first bytes pass the `check`. With `once` it is not copied,
+    and its bytes come as they arrive. `UnreadableInput` is raised for a path without a file or without permission, a
+    folder, and an empty file.
     """
     if not isinstance(path, (str, os.PathLike)):
         return _of_open_file(path, check)
@@ -296,7 +296,7 @@ def find(path: str | os.PathLike[str] | IO[Any], *, once: bool = False, check: C
 
 
 def printable(name: str) -> str:
-    r"""The name of a file with U+FFFD for bytes that are not UTF-8, which reports and tables cannot hold.
+    r"""Name of a file with U+FFFD for bytes that are not UTF-8, which reports and tables cannot contain.
 
     >>> printable(os.fsdecode(b"A\xff.csv"))
     'A\ufffd.csv'
@@ -305,7 +305,7 @@ def printable(name: str) -> str:
 
 
 def raise_own_errors(passed: Callable[P, Iterator[Item]]) -> Callable[P, Iterator[Item]]:
-    """Decorate a pass over a recording so that it raises only errors of Flinders, and refuses a replaced file."""
+    """Decorate a pass over a recording: it then raises only errors of Flinders, and refuses a replaced file."""
 
     @functools.wraps(passed)
     def checked_pass(*args: P.args, **options: P.kwargs) -> Iterator[Item]:
@@ -322,7 +322,7 @@ def raise_own_errors(passed: Callable[P, Iterator[Item]]) -> Callable[P, Iterato
 def spool(name: str, chunks: Iterable[bytes], *, empty: str = "record again, or check what was saved") -> File:
     """Copy chunks to a temporary file, which is deleted with the source or at exit.
 
-    Empty input and a failed copy raise `UnreadableInput`; `empty` is the advice for empty input.
+    `UnreadableInput` is raised if the copy fails or the input is empty; `empty` is the advice for empty input.
     """
     import tempfile
 
@@ -347,7 +347,7 @@ def spool(name: str, chunks: Iterable[bytes], *, empty: str = "record again, or 
 
 
 def derive_source(source: Source, chunks: Iterator[bytes]) -> Source:
-    """Turn bytes derived from a source into a source of the same kind: a stream, or a temporary file."""
+    """Source of bytes that were derived from another source, of the same kind: a stream or a temporary file."""
     return ByteStream(source.name, chunks) if isinstance(source, ByteStream) else spool(source.name, chunks)
 
 
@@ -367,7 +367,7 @@ def unpacked_chunks(source: Source) -> Iterator[bytes]:
 
 
 def refusal(name: str, error: OSError | ValueError) -> UnreadableInput:
-    """Turn an error of the operating system into a message of one line."""
+    """Error of one line for an error of the operating system."""
     match error:
         case FileNotFoundError() | NotADirectoryError():
             return UnreadableInput(f"{name} does not exist: check the name and the folder")
@@ -381,7 +381,7 @@ def refusal(name: str, error: OSError | ValueError) -> UnreadableInput:
 
 
 def _of_open_file(file: IO[Any], check: Check) -> Source:
-    """Copy the rest of an open file, of bytes or of text."""
+    """Source with a copy of the rest of an open file, of bytes or of text."""
     name = str(getattr(file, "name", type(file).__name__))
     pieces = iter(partial(file.read, CHUNK_BYTES), file.read(0))
     chunks = (piece.encode() if isinstance(piece, str) else piece for piece in pieces)
@@ -402,7 +402,7 @@ def _open_pipe(name: str, stream: io.BufferedIOBase, once: bool, check: Check) -
 
 
 def _checked_chunks(name: str, chunks: Iterator[bytes], check: Check) -> Iterator[bytes]:
-    """Yield chunks if the first one passes the check or is gzip."""
+    """Yield chunks, after a check that the first one passes `check` or is gzip."""
     first = next(chunks, b"")
     if first and not first.startswith(GZIP):
         check(name, first[:HEAD_BYTES])
@@ -424,7 +424,7 @@ def _as_it_arrives(name: str, stream: io.BufferedIOBase) -> Iterator[bytes]:
 
 
 class _Ahead:
-    """A pipe whose first bytes were already read; `given` counts the bytes that were passed on."""
+    """A pipe whose first bytes were read already; `given` counts the bytes that were returned."""
 
     def __init__(self, start: bytes, stream: io.BufferedIOBase) -> None:
         self._start, self._stream, self.given = start, stream, 0
@@ -437,7 +437,7 @@ class _Ahead:
 
 
 def _shows_layout(head: bytes) -> bool:
-    """Tell whether the start of a stream is enough to recognise its layout, so that a slow sensor is not waited for."""
+    """Whether the start of a stream shows its layout, so that nobody waits for more from a slow sensor."""
     text = head.decode(encoding_of(head), "replace")
     lines = [line for line in text.splitlines(keepends=True) if line.endswith(("\n", "\r"))]
     rows = Counter(filter(None, map(_row_width, lines)))
@@ -445,13 +445,13 @@ def _shows_layout(head: bytes) -> bool:
 
 
 def _row_width(line: str) -> int:
-    """Count the numbers of a line; 0 if they are too few for a reading."""
+    """Number of numbers in a line; 0 if they are too few for a reading."""
     numbers = len(split_line(line)[0])
     return numbers if numbers >= MIN_NUMBERS else 0
 
 
 def _copy(name: str, chunks: Iterable[bytes], file: IO[bytes], empty: str) -> int:
-    """Write chunks to a file and return the number of bytes."""
+    """Write chunks to a file, and return the number of bytes."""
     size = 0
     for chunk in chunks:
         size += file.write(chunk)
@@ -479,7 +479,7 @@ def _read(name: str, read: Callable[[int], bytes], size: int) -> bytes:
 
 
 def filled_size(path: Path) -> int:
-    """Size of a file in bytes, less its trailing zeros if they are too many for the end of a message."""
+    """Size of a file in bytes, without trailing zeros if these are too many to be the end of a message."""
     with path.open("rb") as file:
         size = end = file.seek(0, os.SEEK_END)
         while end > 0:

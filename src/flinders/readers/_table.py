@@ -1,4 +1,4 @@
-"""Tables other than text: named columns of numbers in an array, a MATLAB file or a Parquet table.
+"""Tables other than text, with named columns of numbers: an array, a MATLAB file, a Parquet table.
 
 Columns are recognised by the same names as in text.
 
@@ -52,12 +52,12 @@ if TYPE_CHECKING:
     from flinders.readers._asked_columns import AnyColumns
     from flinders.readers._source import Progress, Source
 
-SAMPLED_ROWS: Final = 200  # rows that are examined to distinguish times from other numbers
+SAMPLED_ROWS: Final = 200  # rows that are examined to tell times from other numbers
 MAX_COLUMNS: Final = 512  # largest number of columns in an array of readings
 
 
 class Labels:
-    """Numbers for the words of a column, in the order of their first occurrence.
+    """Numbers that stand for the words of a column, in the order of their first occurrence.
 
     >>> labels = Labels()
     >>> labels.numbers(["b4:01", "b4:02", None, "b4:01"]), labels.word(1.0)
@@ -68,7 +68,7 @@ class Labels:
         self._places: dict[str, int] = {}
 
     def numbers(self, words: Iterable[object]) -> Floats:
-        """(N,) a number for each word, equal for equal words; NaN for None."""
+        """(N,) number for each word, equal for equal words; NaN for None."""
         places = self._places
         return np.array(
             [np.nan if word is None else places.setdefault(str(word), len(places)) for word in words], float
@@ -86,7 +86,7 @@ class Labels:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Table:
-    """Columns of numbers, and how to go through them."""
+    """Columns of numbers, and a function that yields them in blocks."""
 
     kind: str  # name of the kind for users: ``Parquet``, ``named arrays``
     names: tuple[str, ...]  # names of the columns; empty if they have none
@@ -100,7 +100,7 @@ class Table:
     text_columns: Mapping[str, int] = field(default_factory=dict)
 
     def sensors(self) -> SensorColumn | None:
-        """The column of words that names the sensor of each row; None if there is none."""
+        """Column of words that names the sensor of each row; None if there is none."""
         for place, labels in self.labels.items():
             for _ in self.rows([place]):  # labels collect its words
                 if len(labels.words) > MAX_SENSORS:
@@ -110,7 +110,7 @@ class Table:
         return None
 
     def devices(self, sensors: SensorColumn | None = None) -> tuple[Device, ...]:
-        """Devices that a column distinguishes, combined with the magnetometers among the sensors of its rows."""
+        """Devices that a column distinguishes, combined with the magnetometers among the sensors that rows name."""
         told = sensors.place if sensors else None
         places = [place for place, name in enumerate(self.names) if names_device(name, self.names) and place != told]
 
@@ -129,7 +129,7 @@ class Table:
         )
 
     def words_of(self, columns: Columns, values: Floats) -> dict[str, NDArray[np.str_]]:
-        """(N,) words of the requested columns of words, from the values of their cells."""
+        """(N,) words of each requested column of words, from the values of its cells."""
         asked = (each for each in columns.auxiliary if each.kind == AUXILIARY and each.cells[0] in self.labels)
         found = {}
         for each in asked:
@@ -139,7 +139,7 @@ class Table:
         return found
 
     def belongs_to(self, device: Device, values: Floats) -> NDArray[np.bool_]:
-        """(N,) mask of the rows that belong to a device."""
+        """(N,) booleans: whether a row belongs to a device."""
         distinct, places = np.unique(values, axis=0, return_inverse=True)
         known = [self.words(device.cells, row) == device.words for row in distinct.tolist()]
         return np.array(known, dtype=bool)[places.ravel()]
@@ -153,10 +153,10 @@ class Table:
         labels: Mapping[str, Labels] | None = None,
         words: Mapping[str, Sequence[object]] | None = None,
     ) -> Table:
-        """Combine arrays side by side: those with the most common length, an (N, 3) one as three columns.
+        """Combine arrays side by side: those with the most common length; an (N, 3) array makes three columns.
 
-        Arrays are (N,), (N, K) or (K, N) of numbers or dates, or structured; others are left out. Raises NoMagnetometer
-        if none is left. A name may be empty. `words` are columns that are read only on request.
+        Arrays are (N,), (N, K) or (K, N) of numbers or dates, or structured; others are left out. A name may be empty.
+        `words` are columns that are read only on request. Raises `NoMagnetometer` if no array is left.
         """
         columns = [column for name, array in arrays.items() for column in _columns_of(name, array)]
         if not columns:
@@ -190,19 +190,21 @@ class Table:
 
 @dataclass(slots=True, eq=False)
 class TableRecording(ColumnsRecording):
-    """Recording of a table that yields its readings in bounded memory, any number of times."""
+    """Recording of a table. It yields its readings in bounded memory, any number of times."""
 
-    file: Source  # raw bytes of the file on disk
+    file: Source  # file on disk from which the bytes are read
     table: Table
     columns: Columns
     unit: Unit  # of the magnetometer's columns
     axes: Axes = field(default_factory=Axes)  # mapping of the recorded axes
-    progress: Progress | None = None  # called with the bytes read so far, estimated by the share of rows
+    progress: Progress | None = None  # called with the bytes read so far, estimated from the number of rows
     span: TimeSpan = field(default_factory=TimeSpan)  # the part of the recording that is read
     source: str = field(init=False)
     is_unit_given: bool = field(default=False, init=False)  # whether the user gave the unit
-    skipped: tuple[Skipped, ...] = field(default=(), init=False)  # rows that the last pass has skipped so far
-    temporary_files: tuple[Source, ...] = field(default=(), init=False)  # temporary files that it needs
+    # rows that were skipped in the last pass, or in the present one so far
+    skipped: tuple[Skipped, ...] = field(default=(), init=False)
+    # temporary files that must exist while the recording is used
+    temporary_files: tuple[Source, ...] = field(default=(), init=False)
 
     def __post_init__(self) -> None:
         """Set the source to the name of the file."""
@@ -210,13 +212,13 @@ class TableRecording(ColumnsRecording):
 
     @property
     def readings(self) -> int | None:
-        """Number of rows; None if only those of one device are read."""
+        """Number of rows; None if only the rows of one device are read."""
         return self.table.length if self.columns.device is None else None
 
     def with_auxiliary(self, names: Sequence[str], *, are_needed: bool = True) -> TableRecording:
         """The recording with further columns, of numbers or words.
 
-        Raises `InputError` for a missing name if `are_needed`; else the name is left out.
+        Raises `InputError` for a missing name if `are_needed`; otherwise the name is left out.
         """
         there = dict(zip((name.strip() for name in self.table.names), range(self.table.width), strict=False))
         there |= {name: place for name, place in self.table.text_columns.items() if name not in there}
@@ -227,7 +229,7 @@ class TableRecording(ColumnsRecording):
         return recording
 
     def with_columns(self, columns: Columns, unit: str | None, scale: float | None) -> TableRecording:
-        """The recording of these columns, in the unit of their names or of the user."""
+        """The recording of these columns, in the unit that their names state or the user gives."""
         own = unit_of(columns, self.source, unit, scale)
         recording = replace(self, columns=columns.with_given_unit(unit, scale).with_strength_in(own), unit=own)
         recording.temporary_files = self.temporary_files
@@ -237,7 +239,7 @@ class TableRecording(ColumnsRecording):
     def blocks(self) -> Iterator[Samples]:
         """Yield the readings from the first on, about 8192 at a time.
 
-        Raises `UnreadableInput` if the file cannot be read to its end, or no reading is finite; `UsageError` if the
+        Raises `UnreadableInput` if the file cannot be read to its end or no reading is finite, and `UsageError` if the
         span contains no reading.
         """
         self.skipped = ()
@@ -278,11 +280,11 @@ def open_table(
     choice: Choice = FIRST_SENSOR,
     progress: Progress | None = None,
 ) -> TableRecording:
-    """Recognise the columns of a table; parameters as `flinders.readers.open_recording`.
+    """Recognise the columns of a table; parameters are those of `flinders.readers.open_recording`.
 
-    Raises `NoMagnetometer` if the magnetometer's columns are not clear, or none holds numbers; `UsageError` for
-    columns or a magnetometer that do not exist; `UnitError` for a unit that contradicts the names; `UnreadableInput` if
-    the table has no rows.
+    `NoMagnetometer` is raised if the magnetometer's columns are not clear or contain no numbers. `UsageError` is raised
+    for columns or a magnetometer that do not exist, `UnitError` for a unit that contradicts the names, and
+    `UnreadableInput` for a table without rows.
     """
     if not table.length:
         raise UnreadableInput(f"{file.name} has no rows: record again, or check what was saved")
@@ -324,7 +326,7 @@ def _unknown_columns_words(name: str, table: Table, first: Floats) -> str:
 
 
 def _columns_of(name: str, array: NDArray[Any]) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Split one array into named columns; none if it holds no numbers."""
+    """Yield the named columns of one array; none if it holds no numbers."""
     if array.dtype.names:
         for part in array.dtype.names:
             yield from _columns_of(f"{name}.{part}" if name else part, array[part])
@@ -338,7 +340,7 @@ def _columns_of(name: str, array: NDArray[Any]) -> Iterator[tuple[str, NDArray[A
 
 
 def named_part(name: str, place: int, width: int) -> str:
-    """Name of one column of an array, with its unit at the end: ``mag (mG)`` has ``mag.x (mG)``."""
+    """Name of one column of an array, with its unit at the end: ``mag (mG)`` gives ``mag.x (mG)``."""
     if width == 1 or not name:
         return name
     bare, bracket, unit = name.partition(" (")
@@ -346,7 +348,7 @@ def named_part(name: str, place: int, width: int) -> str:
 
 
 def _floats(column: NDArray[Any]) -> Floats:
-    """Numbers unchanged; dates as nanoseconds since 1970, so that they are recognised as a time."""
+    """Numbers unchanged, and dates as nanoseconds since 1970, which are recognised as a time."""
     if column.dtype.kind == "M":
         return np.where(np.isnat(column), np.nan, column.astype("datetime64[ns]").astype(np.int64).astype(float))
     return column.astype(float)

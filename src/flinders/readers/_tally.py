@@ -1,4 +1,4 @@
-"""Account of the lines of a text: readings, unusable rows, and other lines.
+"""Counts of the lines of a text: readings, unusable rows, and other lines.
 
 >>> from flinders.readers._grid import NumberRows
 >>> tally = Tally()
@@ -34,7 +34,7 @@ OTHER: Final = "other"  # lines that do not belong to the dialect
 
 
 class Tally:
-    """Counts lines that are read and not, so that a mostly unreadable file is refused."""
+    """Counts of the lines that could be read and that could not, by which a mostly unreadable file is refused."""
 
     def __init__(self) -> None:
         self.rows = self.usable = 0
@@ -42,7 +42,7 @@ class Tally:
         self.first = self.last = (0, "")
 
     def add(self, rows: NumberRows, usable: NDArray[np.bool_]) -> None:
-        """Count one block."""
+        """Count the lines of one block."""
         self.rows += len(usable)
         self.usable += int(usable.sum())
         if rows.unreadable:
@@ -51,7 +51,7 @@ class Tally:
             self.unreadable += len(rows.unreadable)
 
     def refuse_mostly_unreadable(self, name: str, skipped: tuple[Skipped, ...]) -> None:
-        """Raise an error if more than half of the lines are unreadable, or no reading is usable."""
+        """Raise an error if more than half of the lines are unreadable, or if no reading is usable."""
         if self.unreadable > self.rows:
             raise UnreadableInput(
                 f"{self.unreadable:,} of {self.unreadable + self.rows:,} lines of {name} are not readings. The first "
@@ -74,7 +74,7 @@ def account_for_rows(
     shapes: LineShapes,
     is_of_others: Callable[[str], bool],
 ) -> tuple[NumberRows, tuple[Skipped, ...]]:
-    """Account for unusable rows and other lines of a block; remove the lines that accompany readings."""
+    """Count unusable rows and other lines of a block, and remove the lines that accompany readings."""
     unusable = np.flatnonzero(~usable)
     read = columns.readings(rows.values[unusable].T)
     is_silent = find_silent(read)
@@ -92,7 +92,7 @@ def account_for_rows(
 
 
 def account_for_lines(lines: Lines, others: Sequence[int], shapes: LineShapes, reason: str) -> tuple[Skipped, ...]:
-    """Account for lines that are no readings: as `reason`, or as accompanying readings."""
+    """Count lines that are not readings: with the given `reason`, or as lines that accompany readings."""
     if not others:
         return ()
     texts, known = lines.texts, frozenset(others)
@@ -105,6 +105,6 @@ def account_for_lines(lines: Lines, others: Sequence[int], shapes: LineShapes, r
 
 
 def _skipped_lines(lines: Lines, numbers: Sequence[int], reason: str) -> Skipped:
-    """An account of the lines with these numbers, with the first one as example."""
+    """Record of the lines with these numbers, with the first one as an example."""
     example = lines.texts[numbers[0] - lines.first]
     return Skipped(reason, len(numbers), tuple(numbers[:MAX_NOTED_LINES]), shorten(example))

@@ -1,4 +1,4 @@
-"""Times of a table: the unit of a time column, from its name or values, and reasons why one cannot be used.
+"""Times of a table: the unit of a time column, by its name or values, and reasons why a column is not used as a time.
 
 >>> seconds_and_nanoseconds(np.array([[1.7e9, 9e8, 4], [1.7e9 + 1, 1e8, 5]]))
 (0, 1)
@@ -23,25 +23,26 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.readers._columns import Column
 
-# Smallest value of a time since 1970 in ns, µs, ms and s, with the factor to s; four times the value is the year 2096.
+# Smallest time since 1970 in ns, µs, ms and s, with the factor to s. Four times each value is the year 2096.
 EPOCHS: Final = ((1e18, 1e-9), (1e15, 1e-6), (1e12, 1e-3), (1e9, 1.0))
-# readings per time from which its digits are too few; sensor buffers give only a few readings at once
+# Readings per time above which times have too few digits; a sensor's buffer gives only a few readings at once
 MIN_READINGS_PER_TIME: Final = 10
-# resolution in s from which on a constant time lacks digits, rather than its clock being at rest
+# Resolution in s from which a constant time lacks digits; with a finer one its clock has stopped
 MIN_COARSE_S: Final = 1.0
 TEMPERATURES_C: Final = (-60.0, 150.0)  # range of a sensor's temperature
-MIN_TIMES: Final = 10  # rows from which a column is checked for rising
-MAX_RESET_SHARE: Final = 0.1  # largest share of backward steps, as of a clock that is set back or restarts
-REPEAT_TOLERANCE: Final = 0.25  # tolerance of the number of readings per time, relative to the median
+MIN_TIMES: Final = 10  # rows from which on a column is checked for rising
+MAX_RESET_SHARE: Final = 0.1  # largest share of backward steps, as when a clock is set back or restarts
+REPEAT_TOLERANCE: Final = 0.25  # tolerance of the number of readings per time, relative to its median
 FALLING_REASON: Final = "it does not rise like a time"
 MAX_RATE_RAD_S: Final = 70.0  # 4000 °/s, the range of gyros; a sensor turned by hand is slower
-TURN_LAG_ROWS: Final = 4  # lag in rows over which a rotation accumulates and noise does not
-MIN_TURN_RATIO: Final = 2.0  # ratio of differences at this lag and between neighbours from which they are a rotation
+TURN_LAG_ROWS: Final = 4  # lag in rows at which a rotation has accumulated and noise has not
+# smallest ratio of differences at this lag to those between neighbours that shows a rotation
+MIN_TURN_RATIO: Final = 2.0
 MIN_EPOCH_S: Final = 1e8  # s; larger times count from 1970, not from the start of the recording
 
 
 def seconds_and_nanoseconds(values: Floats) -> tuple[int, ...]:
-    """Places of a column of whole seconds since 1970 and of the next one with nanoseconds; empty without.
+    """Places of a column of whole seconds since 1970 and of the next column with nanoseconds; empty if there is none.
 
     >>> seconds_and_nanoseconds(np.array([[1.7e9, 9e8, 4], [1.7e9 + 1, 1e8, 5]]))
     (0, 1)
@@ -58,12 +59,12 @@ def seconds_and_nanoseconds(values: Floats) -> tuple[int, ...]:
 
 
 def is_clock(column: Floats) -> bool:
-    """Tell whether an unnamed column ascends and is no row counter."""
+    """Whether an unnamed column ascends and is not a row counter."""
     return is_ascending(column) and set(np.diff(column[np.isfinite(column)])) != {1.0}
 
 
 def with_time_factor(column: Column, unit: str, values: Floats) -> Column:
-    """Set the factor to seconds of a time column, and its start if the clock counts from 1970."""
+    """Time column with its factor to seconds, and with its start if the clock counts from 1970."""
     values = values[np.isfinite(values)]
     first = float(values[0]) if len(values) else 0.0
     factor = _factor_to_seconds(values, unit)
@@ -72,7 +73,7 @@ def with_time_factor(column: Column, unit: str, values: Floats) -> Column:
 
 @np.errstate(over="ignore")
 def reason_of_missing_digits(values: Floats, unit: str) -> str:
-    """Reason if a time lacks digits: many readings share one time, and times differ by one unit of the last digit."""
+    """Reason if a time lacks digits: many readings share one time, and times differ in the last digit only."""
     values = values[np.isfinite(values)]
     changes = np.flatnonzero(np.diff(values)) + 1
     runs = np.diff([0, *changes, len(values)])
@@ -93,7 +94,7 @@ def reason_of_missing_digits(values: Floats, unit: str) -> str:
 
 @np.errstate(over="ignore", invalid="ignore")
 def reason_of_unknown_unit(values: Floats, unit: str, field: Floats) -> str:
-    """Reason if the unit of a time is unknown: with a unit guessed from its values, the sensor would turn too fast."""
+    """Reason if the unit of a time is unknown: with the most likely unit, the sensor would turn too fast."""
     known = np.isfinite(values) & np.isfinite(field).all(axis=1)
     times, read = values[known], field[known]
     if unit or len(times) < MIN_TIMES:
@@ -108,9 +109,9 @@ def reason_of_unknown_unit(values: Floats, unit: str, field: Floats) -> str:
 
 
 def reason_of_falling(name: str, unit: str, values: Floats) -> str:
-    """Reason if a column falls, or alternates, as no time does; a ``T`` must not be constant either.
+    """Reason if a column falls or alternates, which no time does; a ``T`` must not be constant either.
 
-    A name with a unit of time is always accepted: the rows of a fleet may be in any order.
+    A name with a unit of time is always accepted, as the rows of a fleet may be in any order.
     """
     values = values[np.isfinite(values)]
     steps = np.diff(values)
@@ -122,7 +123,7 @@ def reason_of_falling(name: str, unit: str, values: Floats) -> str:
 
 
 def _rises(values: Floats) -> bool:
-    """Tell whether finite numbers rise like a clock, with a regular number of readings per time."""
+    """Whether finite numbers rise like those of a clock, with a regular number of readings per time."""
     steps = np.diff(values)
     changes = np.flatnonzero(steps)
     if len(changes) == 0:
@@ -135,18 +136,18 @@ def _rises(values: Floats) -> bool:
 
 
 def is_temperature(values: Floats) -> bool:
-    """Tell whether a column ``T`` is a temperature in °C: within range, and not rising like a clock."""
+    """Whether a column ``T`` is a temperature in °C: within the range of one, and not rising like a clock."""
     values = values[np.isfinite(values)]
     is_warm = (TEMPERATURES_C[0] <= values) & (values <= TEMPERATURES_C[1])
     return len(values) >= MIN_TIMES and bool(is_warm.all()) and not _rises(values)
 
 
 def _factor_to_seconds(values: Floats, unit: str) -> float:
-    """Factor to seconds: of the stated unit, else guessed from the size and from steps of 10 µs to 10 s."""
+    """Factor to seconds: that of the stated unit; else a guess from the size, and from steps of 10 µs to 10 s."""
     if unit:
         return FACTORS[TIME][unit]
     first = float(values[0]) if len(values) else 0.0
-    with np.errstate(over="ignore"):  # of numbers that are no times
+    with np.errstate(over="ignore"):  # of numbers that are not times
         step = float(np.median(np.abs(np.diff(values)))) if len(values) > 1 else 0.0
     for least, factor in EPOCHS:
         if least <= first < 4 * least and (step == 0 or 1e-5 <= step * factor <= 10):
@@ -155,7 +156,7 @@ def _factor_to_seconds(values: Floats, unit: str) -> float:
 
 
 def _resolutions(values: Floats) -> list[float]:
-    """Possible units of the last digit of these numbers: by the decimals written, and by float32."""
+    """Possible values of the last digit of these numbers: by the decimals that were written, and by float32."""
     digits = [Decimal(repr(value)).normalize().as_tuple().exponent for value in values.tolist() if value]
     if not digits:
         return []

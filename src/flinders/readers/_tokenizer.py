@@ -1,4 +1,4 @@
-r"""Printed lines: their numbers, and column names made from the labels and units between the numbers.
+r"""Printed lines: the numbers in them, and names of columns from the labels and units between the numbers.
 
 The text between two numbers contains the unit of the first and the label of the second. A label that is only an axis
 belongs to the sensor named before it, and three numbers after one label are its x, y and z.
@@ -28,8 +28,9 @@ MAX_NAMES: Final = 24  # largest number of columns named in a message
 NUMBER: Final = (
     r"(?<![\w.^])(?:(?<!\w[-+−])(?=[-+−])|(?<![-+−])(?![-+−]))(?!(?<=\w\[)\d+\])(?!(?<=<)inf>)" + ATTACHED_NUMBER
 )
-"""A number that is not part of a word, of ``m/s^2``, ``X-6`` or an index; ``nan``, ``inf`` and ``ovf`` are printed by
-Arduino; ``<inf>`` is a log level of Zephyr."""
+"""A number that is not part of a word, of ``m/s^2``, of ``X-6`` or of an index.
+
+Arduino prints ``nan``, ``inf`` and ``ovf``. ``<inf>`` is a log level of Zephyr."""
 _CUT: Final = re.compile(f"({NUMBER})")
 _COLOURS: Final = re.compile(r"\x1b\[[0-9;]*[A-Za-z]")  # of a terminal, as in the log of ESP-IDF
 _CHECK_SUM: Final = re.compile(r"\*[0-9a-fA-F]{2}\s*$")  # at the end of a sentence that starts with ``$``
@@ -43,7 +44,7 @@ _SENSOR_NUMBER: Final = re.compile(
 _REMARK_AFTER_LABEL: Final = re.compile(
     r"(?<=[^\W_])\s?[(\[][^()\[\]:=]*[^\W\d_][^()\[\]:=]*[)\]](?=\s*[:=]|\s+[xyz]\s*[:=])", re.IGNORECASE
 )
-"""A remark in brackets after a label, whose numbers are no readings: ``Mag (±4 gauss):``."""
+"""A remark in brackets after a label, whose numbers are not readings: ``Mag (±4 gauss):``."""
 _DIGITS: Final = re.compile(r"(?<![\w.^])\d[\d.]*")
 _MONTH: Final = r"(?:Jan|Feb|Mar|Apr|May|Jun|Jul|Aug|Sep|Oct|Nov|Dec)[a-z]*\.?"
 _YEAR: Final = r"(?:19|20)\d\d"
@@ -58,15 +59,15 @@ _TIME: Final = (
 MOMENT: Final = re.compile(
     rf"(?<![\w.:+-])(?:{_DAY}(?:[T\s,:]+{_TIME})?|{_TIME}(?:\s+{_DAY})?|\d+(?:\.\d+){{2,}})(?![\w:/]|[.-]\d)"
 )
-"""A date, a time of day, or both, with their zone, or a version: its numbers are no readings."""
+"""A date, a time of day or both, with the time zone; or a version. Numbers in it are not readings."""
 _MAY_BE_MOMENT: Final = re.compile(r"\d(?:[:/-]\d|\.\d+\.\d)|Jan|Feb|Mar|Apr|May|Jun|Jul|Aug|Sep|Oct|Nov|Dec")
 _MAY_BE_NUMBERED: Final = re.compile(r"\d[)\]]?\s*[:=]|\d[)\]]\s+[xyzXYZ]\b")
-"""Quick tests for a `MOMENT` and for the number of a sensor, which take a third of the time of the full patterns."""
+"""Quick tests for a `MOMENT`, and for the number of a sensor; they take a third of the time of the full patterns."""
 _NON_FIELD_UNIT: Final = re.compile(
     r"\s*(?:km/h|kmh|kph|mph|kn|kts?|knots?|m/s|mps|deg|degrees?|°|º|hz|hpa|mbar|%|volts?|ms|rpm)(?![\w/])",
     re.IGNORECASE,
 )
-"""Text after a number of another quantity, such as a speed or an angle."""
+"""Text after a number of a quantity other than a field, such as a speed or an angle."""
 _TELEPLOT: Final = re.compile(r"^(\s*>[^:|\s]+:)\d+(?:\.\d+)?:(?=[-+.\d])")  # a time: ``>mag_x:1627551892437:-20.8``
 _PLAIN: Final = r"([-+]?\d+(?:\.\d*)?)"
 
@@ -111,9 +112,9 @@ QUANTITY: Final = re.compile(
     r"|heading|azimuth|bearing|roll|pitch|yaw|\b(?:ypr|rpy|areal|aworld|(?:min|max)(?:imum)?)\b",
     re.IGNORECASE,
 )
-"""Other three-axis quantities: their words stay with the axis, while meaningless words are dropped."""
+"""Quantities with three axes other than the field. Their words stay with the axis; meaningless words are dropped."""
 _MEANINGLESS: Final = re.compile(r"\b(value|reading|data|component|axis)s?\b", re.IGNORECASE)
-_MAX_WORDS: Final = 3  # number of last words of a label that are tried if the whole label has no meaning
+_MAX_WORDS: Final = 3  # number of last words of a label that are tried if the label as a whole has no meaning
 
 
 # Bytes to lines -------------------------------------------------------------------------------------------------------
@@ -127,7 +128,7 @@ def shorten(text: str) -> str:
 
 
 def list_columns(names: Sequence[str]) -> str:
-    """The first names of columns, and the number of further ones: a table may have thousands.
+    """The first names of columns and the number of further ones, since a table may have thousands.
 
     >>> list_columns([str(place) for place in range(26)])[-16:]
     '23, and 2 others'
@@ -140,7 +141,7 @@ def list_columns(names: Sequence[str]) -> str:
 
 
 def split_line(line: str) -> tuple[list[str], tuple[str, ...]]:
-    """Split a line into its numbers and the stripped texts before, between and after them."""
+    """Split a line into its numbers and the stripped texts before, between and after the numbers."""
     line = _COLOURS.sub("", line) if "\x1b" in line else line
     line = _CHECK_SUM.sub("", line) if line.startswith("$") else line
     line = _TELEPLOT.sub(r"\1", line) if ">" in line else line
@@ -153,18 +154,18 @@ def split_line(line: str) -> tuple[list[str], tuple[str, ...]]:
 
 
 def compile_pattern(gaps: Sequence[str]) -> re.Pattern[str]:
-    """Compile a pattern for lines with exactly these gaps, which takes a third of the time of `split_line`."""
+    """Pattern of lines with exactly these gaps, which takes a third of the time of `split_line`."""
     inner = [rf"\s*{re.escape(gap)}\s*" if gap else r"\s+" for gap in gaps[1:-1]]
     ends = [rf"\s*{re.escape(gap)}\s*" for gap in (gaps[0], gaps[-1])]
     return re.compile(ends[0] + "".join(f"{_PLAIN}{gap}" for gap in inner) + _PLAIN + ends[1])
 
 
-# What stands between numbers to names of columns ---------------------------------------------------------------------
+# Names of columns from the texts between numbers ----------------------------------------------------------------------
 
 
 @lru_cache(1024)
 def names_of(gaps: tuple[str, ...]) -> tuple[str, ...]:
-    """Column names of a line by label, axis and unit from gaps of `split_line`; empty for a number without label."""
+    """Names of columns, by label, axis and unit in the gaps of `split_line`; empty for a number without a label."""
     behind = [_unit_and_label(gap) for gap in gaps[1:]]
     ahead = "time (ms)" if _TICKS.fullmatch(gaps[0]) else _label(gaps[0])
     labels, units = [ahead, *(label for _, label in behind[:-1])], [unit for unit, _ in behind]
@@ -184,9 +185,9 @@ def names_of(gaps: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def pattern_of(line: str) -> str:
-    """The ``--pattern`` of a line, such as ``<{x}/{y}/{z}/{n4}>``; empty if no three numbers may be x, y, z.
+    """The ``--pattern`` for a line, such as ``<{x}/{y}/{z}/{n4}>``; empty if no three numbers may be x, y, z.
 
-    Numbers of a date, a check sum, a speed or an angle are excluded.
+    Numbers of a date, a check sum, a speed or an angle are not used.
 
     >>> pattern_of("12:30:00 <1/2/3/4>"), pattern_of("$VTG,5 kn,1,2,3*3A"), pattern_of("12:30:00 5 km/h 1 2")
     ('<{x}/{y}/{z}/{n4}>', '$VTG,{n1} kn,{x},{y},{z}', '')
@@ -197,7 +198,7 @@ def pattern_of(line: str) -> str:
 
 
 def _as_pattern(text: str) -> str:
-    """Replace the numbers of a text without dates by names."""
+    """Text without dates, with names in place of its numbers."""
     pieces = re.split(rf"((?!(?<=[A-Za-z]{{3}} )\d{{1,2}}\s*:(?!\d)){NUMBER})", text)
     axes = iter("xyz")
     for place in range(1, len(pieces), 2):
@@ -208,7 +209,7 @@ def _as_pattern(text: str) -> str:
 
 @lru_cache(1024)
 def label_of(gaps: tuple[str, ...]) -> str:
-    """All words before and between the numbers of a line, which identify the lines of one sensor.
+    """All words before and between the numbers of a line; they identify the lines of one sensor.
 
     >>> label_of(("Foo: X=", "Y=", "Z=", "uT")), label_of(("[INFO] Foo X:", "Y:", "Z:", ""))
     ('fooxyz', 'fooxyz')
@@ -217,7 +218,7 @@ def label_of(gaps: tuple[str, ...]) -> str:
 
 
 def is_labelled(gaps: Sequence[str]) -> bool:
-    """Tell whether numbers are separated by labels, such as ``X:``, ``x=`` or ``mag [``, and not only by commas."""
+    """Whether labels such as ``X:``, ``x=`` or ``mag [`` separate the numbers, and not only commas."""
     return any(gap[-1] in "xyzXYZ" or any(map(_LABEL.search, re.split("[,;]", gap))) for gap in gaps[:-1] if gap)
 
 
@@ -229,7 +230,7 @@ def _unit_and_label(gap: str) -> tuple[str, str]:
 
 
 def _label(text: str) -> str:
-    """The words of a label, without the characters around them; brackets around a unit at its end stay."""
+    """Words of a label without the signs around them; brackets around a unit at the end stay."""
     text = _SENSOR_AND_UNIT.sub(r" \1 (\2)", _REMARK.sub("", _LEVEL.sub("", text).rstrip(_SIGNS_BEFORE_NUMBER)))
     inside = _UNIT_INSIDE.search(text)
     text = text if inside else _BRACKET.sub(_remark, text)
@@ -238,12 +239,12 @@ def _label(text: str) -> str:
 
 
 def _without_numbers(remark: re.Match[str]) -> str:
-    """A remark with ``#`` in place of its numbers."""
+    """A remark with ``#`` in place of each number."""
     return _DIGITS.sub("#", remark[0])
 
 
 def _remark(bracket: re.Match[str]) -> str:
-    """Words of a remark after a label that distinguish readings, such as ``raw`` and ``left``."""
+    """Words of a remark after a label, if they distinguish readings, such as ``raw`` and ``left``."""
     return "".join(f" {word}" for word in re.findall(r"\w+", bracket[1]) if identifies_readings(word.casefold()))
 
 
@@ -255,14 +256,14 @@ def _without_unit(label: str) -> tuple[str, str]:
 
 
 def _number_runs(labels: Sequence[str]) -> Iterator[tuple[int, int]]:
-    """Yield the place of each label and the count of its numbers, up to the next label."""
+    """Yield the place of each label and the number of numbers after it, up to the next label."""
     starts = [place for place, label in enumerate(labels) if label or place == 0]
     for start, end in zip(starts, [*starts[1:], len(labels)], strict=True):
         yield start, end - start
 
 
 def _axes(label: str, count: int, sensor: str) -> tuple[list[str], str]:
-    """Name the numbers after one label; also return the sensor for following labels that are only an axis."""
+    """Names of the numbers after one label, and the sensor to which following labels belong that are only an axis."""
     bare = _XYZ.sub("", label).strip(_EDGE)
     if count == 3 and (label or sensor):
         named = bare if QUANTITY.search(bare) else _meaningful_words(bare, " x") if bare else ""
@@ -281,7 +282,7 @@ def _axes(label: str, count: int, sensor: str) -> tuple[list[str], str]:
 
 
 def _meaningful_words(label: str, ending: str = "", otherwise: str | None = None) -> str:
-    """All or the last words of a label that name a known quantity; without such, `otherwise` or the last word."""
+    """A label, or its last words, if it names a known quantity; else `otherwise`, or the last word."""
     words = label.split()
     for count in (len(words), *range(min(_MAX_WORDS, len(words) - 1), 0, -1)):
         some = " ".join(words[len(words) - count :])
@@ -291,7 +292,7 @@ def _meaningful_words(label: str, ending: str = "", otherwise: str | None = None
 
 
 def _share_units(names: Sequence[str], units: Sequence[str]) -> list[str]:
-    """Copy the only stated unit of three consecutive axes to all three."""
+    """Units with the only stated unit of three consecutive axes copied to all three."""
     known = list(units)
     axes = [name[-1:].casefold() for name in names]
     for place in range(len(names) - 2):

@@ -1,7 +1,7 @@
-r"""Arrays on disk, NumPy's ``.npy`` and ``.npz``, and ZIP archives of phone loggers.
+r"""Arrays on disk in NumPy's ``.npy`` and ``.npz``, and ZIP archives of phone loggers.
 
 Named arrays are columns: ``t``, ``mag`` with three columns, ``acc``. Arrays with an uncommon length are left out.
-Nothing is read that would be executed: an array of Python objects is refused.
+Nothing in a file is executed: an array of Python objects is refused.
 
 >>> import tempfile
 >>> from pathlib import Path
@@ -15,9 +15,8 @@ tumble.npz: columns mag_uT.x, mag_uT.y, mag_uT.z in uT, time in t; NumPy
 >>> next(recording.blocks()).field[2]
 array([0., 0., 1.])
 
-In an archive of phyphox, Sensor Logger or AndroSensor the member with the magnetometer is read; of several, the
-uncalibrated one, as phones remove hard iron from the calibrated one by undocumented rules that change during a
-recording.
+In an archive of phyphox, Sensor Logger or AndroSensor the member with the magnetometer is read; if there are two, the
+uncalibrated one. Phones remove hard iron from the calibrated one by undocumented rules that change during a recording.
 
 >>> import zipfile
 >>> path = path.with_name("walk.zip")
@@ -61,9 +60,9 @@ TEXT_SUFFIXES: Final = (".csv", ".txt", ".tsv", ".dat", ".log", ".json", ".jsonl
 MEMBER_WORDS: Final = (
     ("mag", "uncal"), ("mag", "raw"), ("magnet",), ("mag",), ("compass",), ("raw data",), ("data",),
 )  # fmt: skip
-"""Words in the name of a member, the best first."""
+"""Words in the names of members with a magnetometer, the best first."""
 OTHER_WORDS: Final = ("meta", "metadata", "annotation", "__macosx", "device", "readme")
-"""Words in the path of a member that is no recording."""
+"""Words in the paths of members that are not recordings."""
 SHEETS: Final = {"[Content_Types].xml": "an Office document", "mimetype": "an OpenDocument file"}
 ZIP: Final = b"PK\x03\x04"
 MAX_MEMBERS: Final = 10_000
@@ -80,7 +79,7 @@ def members(file: File) -> list[zipfile.ZipInfo]:
 
 
 def member_chunks(file: File, member: zipfile.ZipInfo, *, ratio: bool = True) -> Iterator[bytes]:
-    """Unpack a member piece by piece; `ratio` as in `limit_size`.
+    """Unpack a member piece by piece; `ratio` is that of `limit_size`.
 
     Raises `UnreadableInput` for a member that is encrypted, broken, or unpacks to too much.
     """
@@ -99,10 +98,10 @@ def member_chunks(file: File, member: zipfile.ZipInfo, *, ratio: bool = True) ->
 def open_zip(file: File, *, topic: str | None = None, **options: Any) -> TextRecording:
     """Open the member of an archive that contains the magnetometer.
 
-    `topic`: the member's name, or a part of it that is unique; the default is the member to which phone loggers write
-    the raw magnetometer; `**options`: as in `flinders.readers.text.open_text`. Raises `NoMagnetometer` or
-    `UsageError` if the member is not clear, or none has that name; `UnreadableInput` for a spreadsheet, for an
-    archive that is broken or encrypted, and for one that unpacks to too much.
+    `topic` is the member's name, or a part of it that is unique; the default is the member to which phone loggers write
+    the raw magnetometer. `**options` are those of `flinders.readers.text.open_text`. `NoMagnetometer` is raised if the
+    member is not clear, `UsageError` if none has that name. `UnreadableInput` is raised for a spreadsheet and for an
+    archive that is broken, encrypted or unpacks to too much.
     """
     there = members(file)
     for name, kind in SHEETS.items():
@@ -123,7 +122,7 @@ def _find_member(name: str, there: list[zipfile.ZipInfo], topic: str) -> zipfile
 
 
 def _likely_member(name: str, there: list[zipfile.ZipInfo]) -> zipfile.ZipInfo:
-    """Select the member with a magnetometer's name, or the only one that may be a recording."""
+    """Member with a magnetometer's name, or else the only one that may be a recording."""
     texts = [
         member
         for member in there
@@ -163,15 +162,15 @@ NPY: Final = b"\x93NUMPY"
 
 
 def _begins_with_array(head: bytes) -> bool:
-    """Tell whether the first member of an archive with these first bytes is a NumPy array."""
+    """Whether an archive with these first bytes begins with a NumPy array."""
     return head[30 : 30 + int.from_bytes(head[26:28], "little")].endswith(b".npy")
 
 
 def open_npy(file: File, **options: Any) -> TableRecording:
     """Open one array: (N, 3), (N, 4) with the time first, or a structured one with named columns.
 
-    Options are those of `open_table`. Python objects and broken files raise `UnreadableInput`; unclear columns raise
-    `NoMagnetometer`.
+    Options are those of `open_table`. `UnreadableInput` is raised for Python objects and broken files, `NoMagnetometer`
+    for unclear columns.
     """
     array, behind = _map_array(file, file.name)
     if array is None:
@@ -186,9 +185,9 @@ def open_npy(file: File, **options: Any) -> TableRecording:
 
 
 def open_npz(file: File, **options: Any) -> TableRecording:
-    """Open an archive of named arrays; parameters and errors as `open_npy`.
+    """Open an archive of named arrays; parameters and errors are those of `open_npy`.
 
-    Members are unpacked to temporary files, and mapped from there.
+    Members are unpacked to temporary files, which are mapped into memory.
     """
     arrays: dict[str, NDArray[Any]] = {}
     unpacked_files = []  # keeps the temporary files
@@ -212,7 +211,7 @@ def _map_array(file: File, name: str) -> tuple[NDArray[Any] | None, int]:
     Returns
     -------
     array or None
-        None for an array of Python objects, which could run code.
+        None for an array of Python objects, which can execute code.
     int
         Number of bytes after the array.
     """

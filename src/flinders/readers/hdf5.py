@@ -1,7 +1,7 @@
-r"""HDF5 files, including MATLAB's ``.mat`` of version 7.3: datasets are columns, groups are parts of their names.
+r"""HDF5 files, also those of MATLAB (``.mat`` version 7.3): datasets are columns, groups are parts of their names.
 
-An HDF5 file can point to other files, and store a terabyte of zeros in a kilobyte. Only data in the file itself,
-reached without soft links and of plausible size, are read; others are left out, and named with the reason.
+An HDF5 file can refer to other files, and can store a terabyte of zeros in a kilobyte. Only data in the file itself are
+read that are reached without soft links and have a plausible size; others are left out, and named with the reason.
 
 >>> import tempfile
 >>> from pathlib import Path
@@ -55,43 +55,43 @@ if TYPE_CHECKING:
 
 HDF5: Final = b"\x89HDF\r\n\x1a\n"
 MATLAB_7_3: Final = b"MATLAB 7.3 MAT-file"
-"""First bytes of a MATLAB file, in a block of 512 bytes before HDF5; other programs use blocks of 512·2ⁿ bytes."""
+"""First bytes of a MATLAB file, in a block of 512 bytes ahead of HDF5; other programs use blocks of 512·2ⁿ bytes."""
 USER_BLOCKS: Final = b"|".join(b".{%d}" % size for size in (0, *(512 << power for power in range(7))))
 STARTS: Final = re.compile(rb"(?s)\A(?:%b|(?:%b)%b)" % (re.escape(MATLAB_7_3), USER_BLOCKS, re.escape(HDF5)))
 
 MAX_OBJECTS: Final = 10_000
-"""Largest number of links in a file."""
+"""Largest number of links in a file that is read."""
 MAX_DEPTH: Final = 8
 """Largest depth of nested groups that are read."""
 MAX_CHUNK_BYTES: Final = 32 << 20
-"""Largest unpacked size of a chunk in bytes; it is in memory as a whole while a part of it is read."""
+"""Largest unpacked size of a chunk in bytes; a chunk is in memory as a whole even if only a part is read."""
 MAX_REASONS: Final = 4
-"""Largest number of left-out datasets that are named with the reason."""
+"""Largest number of left-out datasets that are named, each with the reason."""
 SHUFFLE, FLETCHER, DEFLATE = 2, 3, 1
 FILTERS: Final = frozenset((SHUFFLE, FLETCHER, DEFLATE))
-"""Filters that are decoded; HDF5 would load others as plug-ins by the number in the file, which is not trusted."""
+"""Filters that are decoded. For others, HDF5 would load a plug-in by a number in the file, which is not trusted."""
 MAX_DEFLATE_RATIO: Final = 1032
 """Largest compression ratio of deflate."""
 MAX_UNCHECKED_BYTES: Final = 256 << 20
-"""Largest size in bytes to which a chunk may unpack without a check of its size."""
+"""Largest size in bytes to which a chunk may unpack according to the file, without a check by unpacking it."""
 MATLAB_CLASSES: Final = frozenset((
     "double", "single", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "logical",
 ))  # fmt: skip
-"""Numeric classes of MATLAB variables; character codes are excluded."""
+"""Numeric classes of MATLAB variables; those of character codes are not among them."""
 UNITS: Final = (b"units", b"unit", b"Units", b"Unit")
-"""Attributes that state a unit."""
+"""Names of attributes that state a unit."""
 MAX_UNIT_LETTERS: Final = 64
 MAX_TEXT_BYTES: Final = 1 << 20
-"""Largest size in bytes of a text of variable length in an attribute."""
+"""Largest size in bytes of a text of variable length."""
 HEAP: Final = b"GCOL\x01"
 """First bytes of a global heap, which contains texts of variable length."""
 
 
 def open_hdf5(file: File, **options: Any) -> TableRecording:
-    """Open the datasets of an HDF5 file; the table consists of those with the magnetometer's length.
+    """Open the datasets of an HDF5 file; those with the magnetometer's length make up the table.
 
-    Options are those of `open_table`. Without h5py it raises `MissingExtra`; a file that is broken, cut short, or has
-    more than `MAX_OBJECTS` objects raises `UnreadableInput`; unclear columns raise `NoMagnetometer`.
+    Options are those of `open_table`. `MissingExtra` is raised without h5py. `UnreadableInput` is raised for a file
+    that is broken, cut short, or has more than `MAX_OBJECTS` objects, and `NoMagnetometer` for unclear columns.
     """
     with file.path.open("rb") as stream:
         is_matlab = stream.read(len(MATLAB_7_3)) == MATLAB_7_3
@@ -115,7 +115,7 @@ def open_hdf5(file: File, **options: Any) -> TableRecording:
 
 
 class _Array(NamedTuple):
-    """Numbers of a dataset, or of one of its fields: (N,), (N, K) or (K, N) as stored."""
+    """Numbers of a dataset or of one of its fields: (N,), (N, K) or (K, N) as stored."""
 
     path: bytes
     name: str
@@ -142,7 +142,7 @@ class _Catalogue:
     _has_sound_heaps: bool = False
 
     def collect(self, group: Any, path: tuple[bytes, ...]) -> None:  # noqa: ANN401
-        """List the arrays of a group and its subgroups, each object once; raise an error above `MAX_OBJECTS`."""
+        """List the arrays of a group and of its subgroups, each object once; raises an error for too many objects."""
         self._links += group.get_num_objs()
         if self._links > MAX_OBJECTS:
             raise UnreadableInput(
@@ -159,7 +159,7 @@ class _Catalogue:
                 self._collect_object(group, name, inside)
 
     def _collect_object(self, group: Any, name: bytes, path: tuple[bytes, ...]) -> None:  # noqa: ANN401
-        """List the object of a hard link; internal groups of MATLAB are skipped."""
+        """List the object behind a hard link; groups that MATLAB uses internally are skipped."""
         if self.is_matlab and name.startswith(b"#"):
             return
         member = self.h5py.h5o.open(group, name)
@@ -170,7 +170,7 @@ class _Catalogue:
             self._collect_dataset(member, path)
 
     def _collect_dataset(self, dataset: Any, path: tuple[bytes, ...]) -> None:  # noqa: ANN401
-        """List the numbers of a dataset, unless they are in another file, or unpack to an implausible size."""
+        """List the numbers of a dataset, unless they are in another file or unpack to an implausible size."""
         storage = dataset.get_create_plist()
         if storage.get_layout() == self.h5py.h5d.VIRTUAL or storage.get_external_count():
             self._leave_out(path, "in another file")
@@ -193,7 +193,7 @@ class _Catalogue:
             self.arrays += arrays
 
     def _is_numbers_of_matlab(self, dataset: Any) -> bool:  # noqa: ANN401
-        """Tell whether MATLAB too stores the dataset as a non-empty array of numbers, not as text or cells."""
+        """Whether a dataset is a non-empty array of numbers for MATLAB too, and not text or cells."""
         if not self.is_matlab:
             return True
         return self._text(dataset, b"MATLAB_class") in MATLAB_CLASSES and not self.h5py.h5a.exists(
@@ -216,7 +216,7 @@ class _Catalogue:
         return ""
 
     def _arrays_of(self, dataset: Any, dtype: np.dtype[Any], path: tuple[bytes, ...]) -> Iterator[_Array]:  # noqa: ANN401
-        """Split a dataset into arrays of numbers; none if it is no list of readings."""
+        """Yield the arrays of numbers in a dataset; none if it cannot be a list of readings."""
         shape = dataset.shape or ()
         if len(shape) not in {1, 2} or math.prod(shape) <= 1:
             return
@@ -231,7 +231,7 @@ class _Catalogue:
                 yield _Array(where, ".".join((own, *fields)), fields, max(shape), width, int(np.argmax(shape)))
 
     def _unit(self, dataset: Any) -> str:  # noqa: ANN401
-        """Unit in an attribute; empty if there is none, or its text cannot be written in the name of a column."""
+        """Unit in an attribute; empty without one, or if its text cannot be part of a column's name."""
         texts = (self._text(dataset, name).partition(" since ")[0].strip() for name in UNITS)
         return next((text for text in texts if re.fullmatch(r"[^()\[\]\s,]{1,24}", text) and text.isprintable()), "")
 
@@ -253,9 +253,10 @@ class _Catalogue:
         return text.strip("\x00 ") if len(text) <= MAX_UNIT_LETTERS else ""
 
     def _check_heaps(self) -> None:
-        """Check once whether texts of variable length can be read: on a broken heap HDF5 2.0 does not terminate.
+        """Check once whether texts of variable length can be read safely.
 
-        It also allocates the stated length of a text before it checks that length.
+        On a broken heap HDF5 2.0 does not terminate. It also allocates the stated length of a text before it checks
+        that length.
         """
         if self._has_sound_heaps:
             return
@@ -275,7 +276,7 @@ class _Catalogue:
         self.left_out.append(f"{shorten(_name_of(path))} ({reason})")
 
     def dataset(self, path: bytes) -> Any:  # noqa: ANN401
-        """Open a dataset; the first time, raise an error if a chunk unpacks to more than its stated size."""
+        """Open a dataset. When it is opened first, raise an error if a chunk unpacks to more than its stated size."""
         dataset = self.h5py.h5d.open(self.opened.id, path)
         if path not in self._checked and dataset.get_create_plist().get_layout() == self.h5py.h5d.CHUNKED:
             self._check_chunks(dataset, path)
@@ -283,7 +284,7 @@ class _Catalogue:
         return self.h5py.Dataset(dataset)
 
     def _check_chunks(self, dataset: Any, path: bytes) -> None:  # noqa: ANN401
-        """Unpack each suspicious chunk, up to its stated size."""
+        """Unpack each suspicious chunk, at most to its stated size."""
         storage = dataset.get_create_plist()
         unpacked = int(math.prod(storage.get_chunk()) * dataset.dtype.itemsize)
         numbers = [storage.get_filter(place)[0] for place in range(storage.get_nfilters())]
@@ -305,7 +306,7 @@ class _Catalogue:
 
 
 def _table_of(catalogue: _Catalogue, kind: str) -> tuple[Table, list[str]]:
-    """Combine the columns of one length to a table, and list the magnetometers and datasets that are left out."""
+    """Table of the columns of one length, and a list of the magnetometers and datasets that are left out."""
     arrays = catalogue.arrays
     if not arrays:
         reasons = f": {', '.join(catalogue.left_out[:MAX_NAMES])}" if catalogue.left_out else ""
@@ -350,7 +351,7 @@ def _block(dataset: Any, array: _Array, span: slice) -> Floats:  # noqa: ANN401
 
 
 def _positions_of(start: bytes, content: mmap.mmap) -> Iterator[int]:
-    """Yield the positions of these bytes."""
+    """Yield the positions at which these bytes occur."""
     place = content.find(start)
     while place >= 0:
         yield place
@@ -358,7 +359,7 @@ def _positions_of(start: bytes, content: mmap.mmap) -> Iterator[int]:
 
 
 def _is_sound_heap(content: mmap.mmap, place: int) -> bool:
-    """Tell whether the objects of a global heap are contiguous up to its end.
+    """Whether the objects of a global heap follow each other without gaps, up to the end of the heap.
 
     Source: HDF5 File Format Specification 3.0, III.E: signature, version, size; objects of index, count, size, content,
     in multiples of 8 bytes; index 0 is the free space, whose size includes its own header.
@@ -378,7 +379,7 @@ def _is_sound_heap(content: mmap.mmap, place: int) -> bool:
 
 
 def _length_of_text(content: mmap.mmap, place: int, size: int) -> int:
-    """Stated length of an attribute's text, if its name of `size` bytes is at this place; else 0.
+    """Length that an attribute states for its text, if the attribute's name of `size` bytes is at this place; else 0.
 
     Source: HDF5 File Format Specification 3.0, IV.A.2.m: version, flags, sizes of name, type and space, in version 3
     the encoding; then these three, in version 1 in multiples of 8 bytes; then the length and position of the text.
@@ -410,7 +411,7 @@ def _layout_of(shape: tuple[int, ...], *, is_reversed: bool) -> tuple[int, int, 
 
 
 def _numbers_in(dtype: np.dtype[Any], fields: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], int]]:
-    """Yield the numeric fields of records, also of nested ones, with their count of numbers."""
+    """Yield the numeric fields of records, also nested ones, with the number of numbers in each."""
     for name in dtype.names or ():
         inner = dtype[name]
         base, shape = inner.subdtype or (inner, ())
@@ -422,7 +423,7 @@ def _numbers_in(dtype: np.dtype[Any], fields: tuple[str, ...] = ()) -> Iterator[
 
 
 def _length_of(arrays: Sequence[_Array]) -> int:
-    """Number of readings of the table: that of the magnetometer with most columns, else that of most columns."""
+    """Number of readings of the table: of the magnetometer with most columns, else the one that most columns have."""
     columns: Counter[int] = Counter()
     for array in arrays:
         columns[array.length] += array.width
@@ -434,7 +435,7 @@ def _length_of(arrays: Sequence[_Array]) -> int:
 
 
 def _magnetometer_first(arrays: Sequence[_Array]) -> list[_Array]:
-    """Sort the group of the first magnetometer first, so that its own time is read."""
+    """Arrays with the group of the first magnetometer in front, so that the time of that group is read."""
     groups: dict[str, list[str]] = {}
     for array in arrays:
         groups.setdefault(_group_of(array), []).extend(_names_of(array))
@@ -451,7 +452,7 @@ def _names_of(array: _Array) -> list[str]:
 
 
 def _without_common_group(arrays: list[_Array]) -> list[_Array]:
-    """Remove the name of a group that contains all arrays."""
+    """Arrays without the name of a group that contains all of them."""
     while arrays and all("." in array.name.partition(" (")[0] for array in arrays):
         heads = {array.name.partition(".")[0] for array in arrays}
         if len(heads) > 1:
@@ -461,7 +462,7 @@ def _without_common_group(arrays: list[_Array]) -> list[_Array]:
 
 
 def _add_left_out(columns: Columns, reasons: Sequence[str]) -> Columns:
-    """Add the left-out datasets to the columns, also to those of each of several magnetometers."""
+    """Columns with the names of left-out datasets, also for each of several magnetometers."""
     more = [f"{len(reasons) - MAX_REASONS} more"] * (len(reasons) > MAX_REASONS)
     each = tuple(_add_left_out(own, reasons) for own in columns.magnetometers)
     return replace(columns, left_out=(*columns.left_out, *reasons[:MAX_REASONS], *more), magnetometers=each)

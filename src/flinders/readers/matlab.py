@@ -1,11 +1,12 @@
 r"""MATLAB's ``.mat`` of versions 5 to 7: variables, and fields of structures, as columns.
 
-Only arrays of numbers and structures of one element are read; others are skipped. Objects, such as a timeseries, have
-an undocumented format, and are named if the file contains nothing else. The file is not trusted: a length beyond its
-array, or a shape that does not fit its numbers, is an error.
+Arrays of numbers and structures with one element are read; everything else is skipped. Objects, such as a timeseries,
+have an undocumented format; they are named if the file contains nothing else. The file is not trusted: a length beyond
+the end of its array, or a shape that does not fit its numbers, is an error.
 
-Source: MathWorks, *MAT-File Format*, level 5: behind a header of 128 bytes, elements of type, length and content, in
-multiples of 8 bytes; an array is an element of elements: flags, shape, name and numbers, or the fields of a structure.
+Source: MathWorks, *MAT-File Format*, level 5. After a header of 128 bytes there are elements with type, length and
+content, padded to multiples of 8 bytes. An array is an element that consists of elements: flags, shape, name, and
+numbers or the fields of a structure.
 
 >>> import tempfile
 >>> from pathlib import Path
@@ -54,7 +55,7 @@ NUMBERS: Final = {
 """NumPy types of the elements that hold numbers."""
 STRUCTURE: Final = 2
 OBJECT, OPAQUE = 3, 17
-"""Classes of arrays: old objects, and objects of a ``classdef``, such as a timeseries or a timetable."""
+"""Classes of MATLAB arrays: old objects, and objects of a ``classdef``, such as a timeseries or a timetable."""
 NUMERIC: Final = range(6, 16)
 """Classes of numeric arrays, from double to uint64."""
 COMPLEX: Final = 0x0800
@@ -63,10 +64,10 @@ MAX_DEPTH: Final = 3
 
 
 def open_mat(file: File, **options: Any) -> TableRecording:
-    """Open the variables of a MATLAB file, and the fields of its structures; options are those of `open_table`.
+    """Open the variables of a MATLAB file and the fields of its structures; options are those of `open_table`.
 
-    They are unpacked to a temporary file, and mapped from there. A file that is broken, or unpacks to more than
-    `MAX_MEMBER_BYTES` bytes, raises `UnreadableInput`; unclear columns raise `NoMagnetometer`.
+    The variables are unpacked to a temporary file, which is mapped into memory. `UnreadableInput` is raised for a file
+    that is broken or unpacks to more than `MAX_MEMBER_BYTES` bytes, and `NoMagnetometer` for unclear columns.
     """
     with file.path.open("rb") as stream:
         chunks = limit_size(file.name, inflate(stream), lambda: file.size, most=MAX_MEMBER_BYTES, ratio=False)
@@ -91,13 +92,13 @@ def open_mat(file: File, **options: Any) -> TableRecording:
 
 
 def _order(stream: IO[bytes]) -> str:
-    """Byte order of numbers, from the end of the header."""
+    """Byte order of numbers, which the end of the header states."""
     stream.seek(HEADER - 2)
     return ">" if stream.read(2) == b"MI" else "<"
 
 
 def inflate(stream: IO[bytes]) -> Iterator[bytes]:
-    """Yield the elements of a file without compression."""
+    """Yield the bytes of all elements, unpacked."""
     order = _order(stream)
     while tag := stream.read(8):
         kind, length = struct.unpack(f"{order}II", tag)
@@ -122,7 +123,7 @@ def _inflate_piece(unpacker: Any, packed: bytes) -> Iterator[bytes]:  # noqa: AN
 
 
 def _elements(content: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
-    """Yield type and content of each element; content of up to four bytes may be in place of the length."""
+    """Yield type and content of each element; content of up to four bytes may be in the place of the length."""
     place = 0
     while place < len(content):
         kind, length = struct.unpack_from(f"{order}II", content, place)
@@ -136,7 +137,7 @@ def _elements(content: memoryview, order: str) -> Iterator[tuple[int, memoryview
 
 
 def _arrays(matrix: memoryview, order: str, name: str = "", depth: int = 0) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Yield the numbers of an array, or of the fields of a structure, each with its name."""
+    """Yield the numbers of an array, or of each field of a structure, with a name."""
     parts = _elements(matrix, order)
     (_, flags), shape, (_, own) = islice(parts, 3)
     (bits,) = struct.unpack_from(f"{order}I", flags)
@@ -164,7 +165,7 @@ def _object(matrix: memoryview, order: str) -> tuple[str, str] | None:
 
 
 def unread_objects(source: str, objects: Sequence[tuple[str, str]]) -> NoMagnetometer:
-    """Error for a file with MATLAB objects in place of numbers, with the commands that convert them.
+    """Error for a file that contains MATLAB objects instead of numbers, with the commands that convert them.
 
     >>> print(unread_objects("walk.mat", [("mag", "timeseries")]))
     walk.mat holds its readings as objects of MATLAB (mag: timeseries), which only MATLAB reads: save numbers, with
@@ -187,7 +188,7 @@ def _numbers(kind: int, content: memoryview, order: str) -> NDArray[Any]:
 
 
 def _without_common_structure(arrays: Mapping[str, NDArray[Any]]) -> Mapping[str, NDArray[Any]]:
-    """Remove the name of a structure that contains all arrays."""
+    """Arrays without the name of a structure that contains all of them."""
     heads = {name.partition(".")[0] for name in arrays}
     if len(heads) == 1 and all("." in name for name in arrays):
         return {name.partition(".")[2]: array for name, array in arrays.items()}

@@ -1,11 +1,11 @@
 r"""Parquet tables and Arrow files (IPC, Feather version 2), column by column and a row group at a time.
 
-Columns are recognised by the same names as in text; ``mag`` as a column of fixed lists of three is three columns. A
-text column with the name of a time is read if its cells are ISO 8601 dates, ``2026-11-21T12:30:05.25Z``.
+Columns are recognised by the same names as in text. A column ``mag`` of fixed lists of three is three columns. A text
+column with the name of a time is read if its cells are ISO 8601 dates, ``2026-11-21T12:30:05.25Z``.
 
-pyarrow terminates the program if sizes or statistics in a footer contradict its schema. Therefore `group_extents`
-parses the minimum and maximum of a column in each row group itself. They are unknown if the footer is broken, or in a
-form that writers do not use.
+pyarrow terminates the program if sizes or statistics in a footer contradict its schema. `group_extents` therefore
+parses by itself the minimum and maximum of a column in each row group. They are unknown if the footer is broken or has
+a form that writers do not use.
 
 >>> import tempfile
 >>> import pyarrow
@@ -53,17 +53,17 @@ ISO: Final = (
     r"^\d{4}-(0[1-9]|1[0-2])-(0[1-9]|[12]\d|3[01])[T ]([01]\d|2[0-3]):[0-5]\d(:[0-5]\d(\.\d{1,9})?)?"
     r"(Z|[+-]([01]\d|2[0-3])(:?[0-5]\d)?)?$"
 )
-"""Pattern of dates that are read from text."""
+"""Pattern of texts that are read as dates."""
 BYTES_OF_READING: Final = 24
 MAX_UNPACKED_BYTES: Final = 128 << 20
-"""Largest unpacked size in bytes of a column of a row group, or of a record batch, which may have to be in memory."""
+"""Largest unpacked size in bytes of a row group's column, or of a record batch: either may have to be in memory."""
 
 
 def open_parquet(file: File, **options: Any) -> TableRecording:
     """Open a Parquet table; options are those of `open_table`.
 
-    Without pyarrow it raises `MissingExtra`; a file that is broken, cut short or implausibly compressed raises
-    `UnreadableInput`; unclear columns raise `NoMagnetometer`.
+    `MissingExtra` is raised without pyarrow, `UnreadableInput` for a file that is broken, cut short or implausibly
+    compressed, and `NoMagnetometer` for unclear columns.
     """
     parquet = import_optional("pyarrow.parquet", "parquet", "a Parquet table")
 
@@ -81,7 +81,7 @@ def open_parquet(file: File, **options: Any) -> TableRecording:
 
 
 def open_arrow(file: File, **options: Any) -> TableRecording:
-    """Open an Arrow file, or Feather of version 2; parameters and errors as `open_parquet`."""
+    """Open an Arrow file, which may be Feather version 2; parameters and errors are those of `open_parquet`."""
     ipc, arrow = (import_optional(f"pyarrow{part}", "parquet", "an Arrow file") for part in (".ipc", ""))
     source = arrow.memory_map(str(file.path))
     length = sum(rows_of_batches(source, file.name, file.size))
@@ -98,9 +98,9 @@ def open_arrow(file: File, **options: Any) -> TableRecording:
 
 
 def refuse_packed_groups(metadata: Any, name: str, size: int) -> None:  # noqa: ANN401 - pyarrow ships no types
-    """Raise an error for a Parquet table if a row group, or the whole, unpacks to too much.
+    """Raise an error for a Parquet table if a row group, or the table as a whole, unpacks to too much.
 
-    Sizes of columns are not read: on broken sizes of levels pyarrow 26 terminates the program.
+    The sizes of single columns are not read: if they contradict the schema, pyarrow 26 terminates the program.
     """
     groups = [metadata.row_group(number) for number in range(metadata.num_row_groups)]
     for group in groups:
@@ -116,7 +116,7 @@ def _refuse_large(name: str, what: str, unpacked: int) -> None:
 
 
 def rows_of_batches(source: Any, name: str, size: int) -> list[int]:  # noqa: ANN401 - pyarrow ships no types
-    """Rows of each record batch of an Arrow file, from its messages; raises an error if it unpacks to too much.
+    """Number of rows in each record batch of an Arrow file, from its messages; raises an error for too large batches.
 
     Source: Arrow's *Format*, ``Message.fbs``: a batch has its length, its nodes, its buffers and their compression; a
     compressed buffer starts with its unpacked length, or −1 if it is not compressed.
@@ -138,7 +138,7 @@ def rows_of_batches(source: Any, name: str, size: int) -> list[int]:  # noqa: AN
 
 
 class _Flat:
-    """A table in a flatbuffer; fields are read by number, and are 0 if missing."""
+    """A table in a flatbuffer. Fields are read by number; a missing field is 0."""
 
     def __init__(self, content: bytes, at: int | None = None) -> None:
         self._content = content
@@ -164,7 +164,7 @@ class _Flat:
         return _Flat(self._content, place + self._read("<I", place))
 
     def packed_lengths(self, body: Any) -> Iterator[int]:  # noqa: ANN401 - a buffer of pyarrow
-        """Unpacked bytes of each compressed buffer of a record batch."""
+        """Yield the unpacked size in bytes of each compressed buffer in a record batch."""
         place = self._place(2)
         start = place + self._read("<I", place)
         for number in range(self._read("<I", start) if self._place(3) else 0):
@@ -180,7 +180,7 @@ def table_of(
     batches: Callable[[list[str]], Iterator[Any]],
     source: str,
 ) -> Table:
-    """Make a table of the columns that hold numbers or times."""
+    """Table of the columns that hold numbers or times."""
     places = places_of(schema)
     width = len(places)
     labels = {
@@ -209,7 +209,7 @@ def table_of(
 
 
 def _words_in(schema: Any) -> list[str]:  # noqa: ANN401
-    """Unique names of the columns of words."""
+    """Names of the columns of words; names that occur twice are left out."""
     of_words = (field for field in schema if str(field.type) in TEXTS or str(field.type).startswith("dictionary"))
     return [field.name for field in of_words if schema.get_field_index(field.name) >= 0]
 
@@ -221,7 +221,7 @@ def _is_of_words(field: Any, name: str) -> bool:  # noqa: ANN401
 
 
 def places_of(schema: Any) -> list[tuple[str, int | None, str]]:  # noqa: ANN401
-    """Columns of numbers or times: field, part of a fixed list, and column name."""
+    """Columns of numbers or times: name of the field, place in its fixed list or None, and name of the column."""
     return [
         (field.name, part, name)
         for field in schema
@@ -231,7 +231,7 @@ def places_of(schema: Any) -> list[tuple[str, int | None, str]]:  # noqa: ANN401
 
 
 def _parts(field: Any) -> list[tuple[int | None, str]]:  # noqa: ANN401
-    """Columns of a field: itself, three for a fixed list of three, none if it holds no numbers."""
+    """Columns of a field: one, or three for a fixed list of three, or none without numbers."""
     kind = field.type
     text = str(kind)
     if text.startswith("fixed_size_list<") and text.endswith("[3]"):
@@ -242,7 +242,7 @@ def _parts(field: Any) -> list[tuple[int | None, str]]:  # noqa: ANN401
 
 
 def values_of(column: Any, part: int | None) -> NDArray[np.floating]:  # noqa: ANN401
-    """One column in its own precision, NaN for null; a time in nanoseconds since 1970."""
+    """Values of one column in its own precision, NaN for null; a time is in nanoseconds since 1970."""
     if part is not None:
         column = column.flatten().take(_indices_of_part(part, len(column)))
     if str(column.type) in TEXTS:
@@ -255,7 +255,7 @@ def values_of(column: Any, part: int | None) -> NDArray[np.floating]:  # noqa: A
 
 
 def _dates(column: Any) -> Any:  # noqa: ANN401
-    """UTC times of ISO 8601 texts, null for other texts; a text without zone is taken as UTC.
+    """UTC times from ISO 8601 texts; null for other texts. A text without a time zone is taken as UTC.
 
     >>> import pyarrow
     >>> texts = ["1970-01-01T00:00:01.5Z", "1970-01-01 01:00:02+01:00", "1970-01-01T00:00:03", "noon"]
@@ -277,7 +277,7 @@ def _dates(column: Any) -> Any:  # noqa: ANN401
 
 
 def _is_day(text: str) -> bool:
-    """Tell whether a date exists, and can be stored as nanoseconds since 1970.
+    """Whether a date exists and can be stored as nanoseconds since 1970.
 
     >>> _is_day("2028-02-29"), _is_day("1970-02-30"), _is_day("9999-01-01")
     (True, False, False)
@@ -300,12 +300,12 @@ Fields: TypeAlias = dict[int, Any]
 """Values of a struct, by field number."""
 
 STATISTICS: Final = 12
-"""Field of ``ColumnMetaData``; the others are fields of ``Statistics``."""
+"""Number of a field in ``ColumnMetaData``; the next ones are of fields in ``Statistics``."""
 NULL_COUNT, MAX_VALUE, MIN_VALUE, IS_MAX_VALUE_EXACT, IS_MIN_VALUE_EXACT = 3, 5, 6, 7, 8
 PATH: Final = 3
-"""Field of ``ColumnMetaData``."""
+"""Number of a field in ``ColumnMetaData``."""
 PATH_OF_ONE: Final = b"\x19\x18"
-"""Bytes before the name of a top-level column: the next field is a list of one text."""
+"""Bytes before the name of a column at the top level: the next field is a list of one text."""
 MAX_VARINT_BYTES: Final = 10
 
 
@@ -344,13 +344,13 @@ def _varint(value: int) -> bytes:
 
 
 class _Compact:
-    """Values in Thrift's compact protocol from a position on; LookupError or ValueError if they are invalid."""
+    """Reader of values in Thrift's compact protocol; `LookupError` or `ValueError` for invalid bytes."""
 
     def __init__(self, content: bytes, at: int) -> None:
         self._content, self._at = content, at
 
     def fields(self, number: int = 0) -> Fields:
-        """The remaining fields of a struct, after the field with a number."""
+        """The remaining fields of a struct, after the field with this number."""
         fields: Fields = {}
         while head := self._byte():
             number = number + (head >> 4) if head >> 4 else self._integer()
@@ -358,7 +358,7 @@ class _Compact:
         return fields
 
     def _value(self, kind: int) -> Any:  # noqa: ANN401
-        """A value of a field; the kind itself is the value of a boolean."""
+        """Value of a field; for a boolean the kind itself is the value."""
         return kind == 1 if kind in (1, 2) else COMPACT_VALUES[kind](self)
 
     def _byte(self) -> int:
@@ -404,7 +404,7 @@ COMPACT_VALUES: Final[dict[int, Callable[[_Compact], Any]]] = {
     **dict.fromkeys((9, 10), _Compact._list),
     12: _Compact.fields,
 }
-"""Functions that read a value of each kind; in a list a boolean is a byte."""
+"""Functions that read a value, by its kind; in a list a boolean is a byte."""
 
 READERS: Final = (
     Reader(

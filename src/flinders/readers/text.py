@@ -63,13 +63,13 @@ _CALIBRATION: Final = re.compile(
     r'([-+\d]+(?:[,;\s]+[-+\d]+)*)"?\s*$',
     re.IGNORECASE,
 )
-"""A header of Betaflight or INAV with a calibration (`compassUpdate` in `sensors/compass.c`), as tools write it."""
+"""Header of Betaflight or INAV with a calibration, as tools write it (`compassUpdate` in `sensors/compass.c`)."""
 _NO_GAIN: Final = 1024  # neutral ``maggain`` of INAV
 
 
 @dataclass(slots=True, eq=False)
 class TextRecording(ColumnsRecording):
-    """Text that yields its readings in bounded memory: a file any number of times, a stream once."""
+    """Text recording. It yields its readings in bounded memory: a file any number of times, a stream once."""
 
     file: Source  # source of its lines
     layout: TextLayout  # delimiter, decimal sign, header, columns
@@ -78,13 +78,15 @@ class TextRecording(ColumnsRecording):
     frame: str = "sensor"  # recorded axes: ``sensor`` or ``vehicle``
     progress: Progress | None = None
     span: TimeSpan = field(default_factory=TimeSpan)  # the part of the recording that is read
-    transcription: Transcription | None = None  # for a recording in a dialect, its conversion to the table in `file`
-    original: Source | None = None  # the recording itself, if `file` is a converted table
+    transcription: Transcription | None = None  # for a recording in a dialect: the conversion to the table in `file`
+    original: Source | None = None  # the file as recorded, if `file` is a converted table
     source: str = field(init=False)
     is_unit_given: bool = field(default=False, init=False)  # whether the user gave the unit
-    skipped: tuple[Skipped, ...] = field(default=(), init=False)  # lines that the last pass has skipped so far
-    held: _Held | None = field(default=None, init=False)  # lines of a short recording that were read when it was opened
-    words: tuple[tuple[str, int], ...] = ()  # requested columns of words: names and places
+    # lines that were skipped in the last pass, or in the present one so far
+    skipped: tuple[Skipped, ...] = field(default=(), init=False)
+    # lines of a short recording, which were read when it was opened
+    held: _Held | None = field(default=None, init=False)
+    words: tuple[tuple[str, int], ...] = ()  # requested columns of words: name and place of each
 
     def __post_init__(self) -> None:
         """Set the source to the name of the file."""
@@ -92,11 +94,11 @@ class TextRecording(ColumnsRecording):
 
     @property
     def columns(self) -> Columns:
-        """Columns that are read."""
+        """The columns that are read."""
         return self.layout.columns
 
     def with_columns(self, columns: Columns, unit: str | None, scale: float | None) -> TextRecording:
-        """The recording of these columns, in the unit of their names or of the user."""
+        """The recording of these columns, in the unit that their names state or the user gives."""
         own = unit_of(columns, self.source, unit, scale)
         grid = replace(self.layout.grid, cells=columns.cells, needed=columns.needed_cells, clock=columns.clock)
         layout = replace(self.layout, columns=columns.with_given_unit(unit, scale).with_strength_in(own), grid=grid)
@@ -106,8 +108,8 @@ class TextRecording(ColumnsRecording):
     def blocks(self) -> Iterator[Samples]:
         """Yield the readings from the first on, about 8192 at a time.
 
-        Raises `UnreadableInput` if the file cannot be read to its end, and at its end, if more than half of the
-        expected readings are unreadable or none is left.
+        Raises `UnreadableInput` if the file cannot be read to its end. At its end it is also raised if more than half
+        of the expected readings are unreadable, or if no reading is usable.
         """
         for _, samples in self.numbered_blocks():
             yield samples
@@ -127,19 +129,19 @@ class TextRecording(ColumnsRecording):
         clock.refuse_empty()
 
     def hold(self) -> None:
-        """Read a short recording into memory for later passes; raises as `blocks`."""
+        """Read a short recording into memory for later passes; raises the errors of `blocks`."""
         self.held = _Held(self.columns, list(self._read(self.layout.grid, self.columns)))
         for _ in self.blocks():
             pass
 
     def name_acceleration(self, columns: str) -> None:
-        """Select the accelerometer's columns; UsageError if they are missing or are the magnetometer's."""
+        """Select the accelerometer's columns; `UsageError` if they are missing or are the magnetometer's."""
         layout = self.layout
         known = with_acceleration(columns, layout.header, layout.columns, layout.grid.width)
         self.layout = replace(layout, columns=known)
 
     def name_strength(self, column: str) -> None:
-        """Select the column of the field strength of a scalar magnetometer; UsageError as `name_acceleration`."""
+        """Select the column of the field strength of a scalar magnetometer; errors are those of `name_acceleration`."""
         layout = self.layout
         known = with_strength(column, layout.header, layout.columns, layout.grid.width)
         self.layout = replace(layout, columns=known.with_strength_in(self.unit))
@@ -147,7 +149,7 @@ class TextRecording(ColumnsRecording):
     def with_auxiliary(self, names: Sequence[str], *, are_needed: bool = True) -> TextRecording:
         """The recording with further columns, of numbers or words.
 
-        Raises `InputError` for a missing name if `are_needed`; else the name is left out.
+        Raises `InputError` for a missing name if `are_needed`; otherwise the name is left out.
         """
         places = places_in(self.source, self.layout.header, names, are_needed=are_needed)
         texts = self._first_cells(list(places.values()))
@@ -157,12 +159,12 @@ class TextRecording(ColumnsRecording):
         return replace(self, layout=layout, words=tuple(words.items()))._with_state_of(self)
 
     def _with_state_of(self, other: TextRecording) -> TextRecording:
-        """Copy the state of another recording that was opened, and return this one."""
+        """The recording itself, with the state of another recording that was opened before."""
         self.is_unit_given, self.held = other.is_unit_given, other.held
         return self
 
     def _first_cells(self, places: Sequence[int]) -> dict[int, bool]:
-        """Whether the first cells at each place are words."""
+        """Whether the first cell at each place is a word, by place."""
         opening, _ = self.file.opening(self.layout.encoding)
         texts = (text for text in opening[self.layout.start - 1 :] if self.layout.is_reading(text))
         rows = [split(text, self.layout.grid.delimiter) for text in texts]
@@ -171,7 +173,7 @@ class TextRecording(ColumnsRecording):
         return {place: any(parse_number(cell, decimal) is None for cell in each) for place, each in cells.items()}
 
     def _words_of(self, block: _Block, rows: NDArray[np.intp]) -> dict[str, NDArray[np.str_]]:
-        """(N,) words of the requested columns at rows of a block."""
+        """(N,) words of each requested column, at given rows of a block."""
         if not self.words:
             return {}
         texts, first = block.lines.texts, block.lines.first
@@ -191,21 +193,21 @@ class TextRecording(ColumnsRecording):
     ) -> Iterator[list[str]]:
         """Yield the lines of the file with corrected readings, grouped as they were read or arrived.
 
-        All else is unchanged: other columns, delimiter, decimal sign, header, comments, quotes, line ends. Unreadable
-        lines are left out and counted in `skipped`; a reading that is not finite becomes ``nan``. JSON and labelled
-        lines become comma-separated tables. Lines include their ends: write them with ``newline=""`` and, for the same
-        characters, with `layout.encoding`.
+        Everything else is unchanged: other columns, delimiter, decimal sign, header, comments, quotes, line ends.
+        Unreadable lines are left out and counted in `skipped`; a reading that is not finite becomes ``nan``. JSON and
+        labelled lines become comma-separated tables. Each line includes its end: write with ``newline=""``, and with
+        `layout.encoding` to get the same bytes.
 
         Raises `UnreadableInput` as `blocks`.
 
         Parameters
         ----------
         correct : (N, 3) to (N, 3)
-            Takes and returns readings as in `Samples.field`: in `unit.inside` and in `axes`.
+            Function of readings as in `Samples.field`, in `unit.inside` and in `axes`; it returns the corrected ones.
         add : bool
             Add three columns, named with ``_cal`` if there is a header, and keep the recorded ones.
         with_disturbances : bool
-            Pass `Samples` to `correct` instead of the readings: with time, temperature, current and throttle.
+            Pass `Samples` to `correct` instead of readings: they have time, temperature, current and throttle too.
         """
         rewriter = Rewriter(self.layout, add=add)
         yield list(rewriter.header_lines())
@@ -227,7 +229,7 @@ class TextRecording(ColumnsRecording):
 
     @raise_own_errors
     def _read_once(self, columns: Columns) -> Iterator[_Block]:
-        """Read these columns of the file once, account for skipped lines, and check the total at the end."""
+        """Yield blocks of the file in one pass, count skipped lines, and check the total at the end."""
         tally, shapes = Tally(), LineShapes()
         others: tuple[Skipped, ...] = ()
         self.skipped = ()
@@ -245,7 +247,7 @@ class TextRecording(ColumnsRecording):
         tally.refuse_mostly_unreadable(self.source, self.skipped)
 
     def _read(self, grid: Grid, columns: Columns) -> Iterator[tuple[Lines, NumberRows, NDArray[np.bool_]]]:
-        """Read blocks of lines; several at once if pyarrow can parse all of their lines and all are usable."""
+        """Yield blocks of lines; several at once if pyarrow can parse all their lines and all rows are usable."""
         if self.held and self.held.columns == columns:
             yield from self.held.blocks
             return
@@ -262,13 +264,13 @@ class TextRecording(ColumnsRecording):
                 yield lines, rows.with_unwrapped_times(midnights, grid), self._usable(rows, columns)
 
     def _parse_block(self, lines: Lines, parse: Parse | None) -> NumberRows | None:
-        """Parse a block with pyarrow, if it is in use and the block contains only readings."""
+        """Parse a block with pyarrow; None if pyarrow is not used or the block contains other lines than readings."""
         is_table = lines.first >= self.layout.start and self._is_all_readings(lines.text)
         values = parse(lines) if parse and is_table else None
         return None if values is None else NumberRows(values, lines.numbers, [])
 
     def _rows(self, lines: Lines, grid: Grid) -> NumberRows:
-        """Read the lines of a block that are expected to be readings."""
+        """Parse those lines of a block that are expected to be readings."""
         above = max(self.layout.start - lines.first, 0)
         texts, first = lines.texts[above:], lines.first + above
         text = "\n".join(texts) if above else lines.text
@@ -278,7 +280,7 @@ class TextRecording(ColumnsRecording):
         return rows_of([texts[place] for place in places], [first + place for place in places], grid)
 
     def _is_all_readings(self, text: str) -> bool:
-        """Tell whether lines below the header contain neither a header nor a comment; blank lines are allowed."""
+        """Whether lines below the header contain neither a header nor a comment; blank lines are allowed."""
         if self.layout.columns.device is not None:
             return False
         header_text = self.layout.header_text
@@ -287,14 +289,14 @@ class TextRecording(ColumnsRecording):
         return not any(other[0] in text and other in text for other in others)
 
     def _usable(self, rows: NumberRows, columns: Columns) -> NDArray[np.bool_]:
-        """Mask of the rows with a sensor's answer that is finite, also in `unit.inside`; a time may be missing."""
+        """(N,) booleans: whether a row is finite, also in `unit.inside`, and an answer of the sensor."""
         with np.errstate(over="ignore", invalid="ignore"):
             read = columns.readings(rows.values.T)
             usable = np.isfinite(read * self.unit.scale).all(axis=1)
         return np.asarray(usable & ~find_silent(read), dtype=np.bool_)
 
     def _samples(self, block: _Block) -> Iterator[tuple[Floats, Samples]]:
-        """Make samples of the usable rows, with their line numbers, `BLOCK_ROWS` at a time."""
+        """Yield samples of the usable rows, `BLOCK_ROWS` at a time, with their line numbers."""
         values = block.rows.values if block.usable.all() else block.rows.values[block.usable]
         lines, places = block.rows.numbers[block.usable], np.flatnonzero(block.usable)
         for start in range(0, len(lines), BLOCK_ROWS):
@@ -309,7 +311,7 @@ class TextRecording(ColumnsRecording):
 
 
 class Transcription:
-    """Conversion of a recording in a dialect to a `table` without header, with each row at its line's number."""
+    """Conversion of a recording in a dialect to a `table` without a header; rows have the numbers of their lines."""
 
     def __init__(self, source: Source, dialect: Dialect, encoding: str) -> None:
         self._dialect, self._encoding, self.frame = dialect, encoding, dialect.frame
@@ -317,7 +319,7 @@ class Transcription:
         self.table = derive_source(source, self._rows(source))
 
     def others(self, before: Sequence[Skipped] = ()) -> tuple[Skipped, ...]:
-        """Account for lines that do not belong to the dialect, minus those in `before`."""
+        """Counts of the lines that do not belong to the dialect, without those in `before`."""
         known = {entry.reason: entry.rows for entry in before}
         new = (entry for entry in self._others if entry.rows > known.get(entry.reason, 0))
         return tuple(
@@ -350,7 +352,7 @@ class _Held(NamedTuple):
 
 
 class _Block(NamedTuple):
-    """Some lines, their rows, a mask of usable rows, and an account of skipped lines."""
+    """Lines of a block, their rows, a mask of usable rows, and counts of skipped lines."""
 
     lines: Lines
     rows: NumberRows
@@ -370,7 +372,7 @@ def open_text(
     pattern: str | None = None,
     progress: Progress | None = None,
 ) -> TextRecording:
-    """Recognise a text recording from its first lines; parameters and errors as `flinders.open_recording`."""
+    """Recognise a text recording by its first lines; parameters and errors are those of `flinders.open_recording`."""
     axes = axes if isinstance(axes, Axes) else Axes.of(axes)
     head = file.head()
     refuse_foreign(file.name, head)
@@ -391,18 +393,18 @@ def open_text(
 
 
 class _LaidOut(NamedTuple):
-    """A table, original or converted, with its layout."""
+    """A table as recorded or converted, with its layout."""
 
     table: Source
     layout: TextLayout
-    is_all: bool  # its first lines are all lines
+    is_all: bool  # whether its first lines are all lines
     transcription: Transcription | None = None  # for a file in a dialect
 
 
 def _lay_out(
     file: Source, head: bytes, lay_out: Callable[..., TextLayout], pattern: str | None, flat: str | None
 ) -> _LaidOut:
-    """Recognise the format of the lines of a file; other text is converted to a table."""
+    """Recognise the format of a file's lines; text that is not a table is converted to one."""
     encoding = encoding_of(head)
     beginning = head.decode(encoding, "replace").removeprefix("\ufeff")
     may_be_glued = beginning.lstrip().startswith(("[", "{")) or "*" in beginning
@@ -432,7 +434,7 @@ def _lines(file: File, encoding: str) -> Iterator[str]:
 
 
 def calibration_in_force(above: Sequence[str]) -> str:
-    """The board's calibration in the headers of its blackbox; empty if it is neutral.
+    """Calibration of the board in the headers of its blackbox; empty if it changes nothing.
 
     >>> calibration_in_force(['"Firmware revision","INAV 7.0.0"', '"magzero","12,13,14"', '"maggain","1024,1024,1024"'])
     'magzero 12,13,14'
@@ -447,7 +449,7 @@ def calibration_in_force(above: Sequence[str]) -> str:
 
 
 def _not_raw(name: str, layout: TextLayout) -> UnreadableInput:
-    """Error for a blackbox that was recorded with a calibration in force, with ways to get raw readings."""
+    """Error for a blackbox that was recorded with a calibration applied, with ways to get raw readings."""
     return UnreadableInput(
         f"{name} was recorded with {layout.in_force} in force, and magADC includes it: a calibration found from it "
         "adds to that one, but boards would replace it. Set offsets to 0 (maggain to 1024) and record again; to use "

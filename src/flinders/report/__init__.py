@@ -1,1 +1,1 @@
-"""Renderings of a `Fit`; they compute no results."""
+"""Renderings of a `Fit` as text, pages, figures and files; no results are computed here."""

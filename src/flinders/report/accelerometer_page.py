@@ -1,4 +1,4 @@
-"""The calibration of an accelerometer as a page for the terminal."""
+"""The calibration of an accelerometer, as a page for the terminal."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from flinders.workflows.accelerometer import AccelerometerFit
 
 DIP_DEG = 60.0
-"""Dip of the field, in degrees, for which the heading error is stated."""
+"""Dip of the field in degrees for which the heading error is stated."""
 UNITS = {"m/s2": "m/s²"}
-"""Units as shown to users."""
+"""Spelling of units for users, by their spelling in a file."""
 
 
 def of_accelerometer(fit: AccelerometerFit) -> RenderableType:
-    """Lay out the numbers, the claim, and its limits."""
+    """Lay out the numbers of an accelerometer's calibration, the claim, and the limits of the claim."""
     error, triad = fit.tilt_error, fit.inertial.accelerometer
     what = count_text(fit.poses, "still pose" if fit.is_still else "reading")
     claim = (
@@ -42,7 +42,7 @@ def of_accelerometer(fit: AccelerometerFit) -> RenderableType:
 
 
 def _rows(name: str, triad: Triad, gravity: float) -> Iterator[tuple[str, str, str]]:
-    """Offsets, gains and misalignment, each with 1 σ."""
+    """Yield rows for offsets, gains and misalignment, each with its standard deviation."""
     unit = UNITS.get(triad.unit, triad.unit)
     size = float(np.trace(triad.matrix)) / 3.0
     matrix, sigma, offset_sigma = triad.matrix / size, triad.matrix_sigma, triad.offset_sigma
@@ -56,7 +56,7 @@ def _rows(name: str, triad: Triad, gravity: float) -> Iterator[tuple[str, str, s
 
 
 def _pairs(values: np.ndarray, sigmas: np.ndarray) -> str:
-    """Numbers with their uncertainties, to the second digit of the latter."""
+    """Numbers with their standard deviations, written to the second digit of the latter."""
     places = [max(1 - int(np.floor(np.log10(sigma))), 0) if sigma > 0 else 6 for sigma in sigmas]
     return "   ".join(
         f"{value + 0.0:.{place}f} ± {sigma:.{place}f}"
@@ -65,7 +65,7 @@ def _pairs(values: np.ndarray, sigmas: np.ndarray) -> str:
 
 
 def _limit_notes(fit: AccelerometerFit) -> Iterator[tuple[str, ...]]:
-    """Limits of the claim."""
+    """Yield notes on the limits of the claim."""
     if not fit.sees_misalignment:
         yield (
             "limits",

@@ -1,10 +1,10 @@
-"""Elements of all charts: panels with axes, numbers, lines, areas, dots, bars and words, in SVG.
+"""Elements of all charts in SVG: panels with axes, numbers, lines, areas, dots, bars and words.
 
-A `Panel` is drawn over two axes on any canvas: on a `Plot`, which converts numbers to positions and gives SVG, or on
-axes of matplotlib (`flinders.report.matplotlib`). Round charts and maps use shapes only.
+A `Panel` is marks over two axes. It is drawn on a `Plot`, which converts numbers to positions and gives SVG, or on axes
+of matplotlib (`flinders.report.matplotlib`). Round charts and maps are made of shapes only.
 
-A chart is text: shapes with classes, whose colours in light, in dark and on paper are in ``static/figure.css``. Inside
-a page a chart takes the colours of the page; as a separate file it includes the rules that it uses, for both themes.
+A chart is text: shapes with classes. Their colours in light, in dark and on paper are in ``static/figure.css``. Inside
+a page a chart has the colours of the page; as a separate file it contains the rules that it uses, for both themes.
 
 >>> plot = Plot(40, 10, 200, 100, Axis(0, 10), Axis(1, 100, np.log10))
 >>> plot.places([0, 5], [1, 10]).tolist()
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     """Positions on an axis, each with its label."""
 
 MAX_DOTS: Final = 3_000
-"""Largest number of dots of one kind in a plot; more would merge, and enlarge the file."""
+"""Largest number of dots of one kind in a plot. More dots would merge, and enlarge the file."""
 MAX_CROSSES: Final = 500
 COMPASS_POINTS: Final = ("N", "NE", "E", "SE", "S", "SW", "W", "NW", "N")
 
@@ -56,7 +56,7 @@ FILE_STYLE: Final = f"""\
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """The ends of an axis, and the function that its numbers are scaled by, such as a logarithm."""
+    """Ends of an axis, and the function that scales its numbers, such as a logarithm."""
 
     low: float
     high: float
@@ -71,7 +71,7 @@ class Axis:
 
 @dataclass(frozen=True, slots=True)
 class Plot:
-    """A rectangle of a chart with an axis to the right and one upwards."""
+    """A rectangle of a chart with one axis to the right and one upwards."""
 
     left: float
     top: float
@@ -96,21 +96,21 @@ class Plot:
         return self.left + self.width / 2.0
 
     def x(self, value: float) -> float:
-        """Horizontal position of a number."""
+        """Horizontal position in the drawing for a number."""
         return self.left + self.width * float(self.across.share(value))
 
     def y(self, value: float) -> float:
-        """Vertical position of a number."""
+        """Vertical position in the drawing for a number."""
         return self.bottom - self.height * float(self.up.share(value))
 
     def places(self, x: ArrayLike, y: ArrayLike) -> Floats:
-        """(n, 2) positions of numbers."""
+        """(n, 2) positions in the drawing for pairs of numbers."""
         return np.stack(
             [self.left + self.width * self.across.share(x), self.bottom - self.height * self.up.share(y)], axis=1
         )
 
     def inside(self, x: ArrayLike, y: ArrayLike) -> Floats:
-        """(m, 2) positions of the numbers inside the rectangle."""
+        """(m, 2) positions of those pairs of numbers that are inside the rectangle."""
         places = self.places(x, y)
         near, far = np.array([self.left, self.top]) - 1e-6, np.array([self.right, self.bottom]) + 1e-6
         inside: Floats = places[((places >= near) & (places <= far)).all(axis=1)]
@@ -126,11 +126,11 @@ class Plot:
         return shape(kind, np.concatenate([there, back]), is_closed=True)
 
     def dots(self, kind: str, x: ArrayLike, y: ArrayLike, *, most: int = MAX_DOTS) -> str:
-        """Dots inside the rectangle, thinned to every k-th."""
+        """Dots inside the rectangle; only every k-th if there are more than `most`."""
         return dots(kind, thin_out(self.inside(x, y), most))
 
     def crosses(self, x: ArrayLike, y: ArrayLike) -> str:
-        """Crosses inside the rectangle, thinned to every k-th."""
+        """Crosses inside the rectangle; only every k-th if there are too many."""
         places = thin_out(self.inside(x, y), MAX_CROSSES).tolist()
         marks = "".join(f"M{x - 3:.1f} {y - 3:.1f}l6 6m0-6l-6 6" for x, y in places)
         return f'<path class="reject" d="{marks}"/>' if marks else ""
@@ -141,12 +141,12 @@ class Plot:
         return f'<path class="tile {kind}" d="{"".join(outlines)}"/>'
 
     def arm(self, x: float, y: float) -> str:
-        """Hard iron: a line from zero to the centre, and a dot there."""
+        """Hard iron as a line from zero to the centre of the readings, with a dot there."""
         end = self.x(x), self.y(y)
         return segment("iron", self.x(0.0), self.y(0.0), *end) + circle("iron-end", *end, 3)
 
     def bars(self, kind: str, edges: ArrayLike, counts: Iterable[float], *, least: float = 0.0) -> str:
-        """A bar for each class with a count, at least `least` high."""
+        """A bar for each class with a count; each bar is at least `least` high."""
         sides, zero = self.places(edges, np.zeros(np.size(edges)))[:, 0].tolist(), f"{self.bottom:.1f}"
         parts = [
             f"M{first:.1f} {zero}V{min(self.y(count), self.bottom - least):.1f}H{last - 0.7:.1f}V{zero}Z"
@@ -156,11 +156,11 @@ class Plot:
         return f'<path class="{kind}" d="{"".join(parts)}"/>' if parts else ""
 
     def level(self, value: float, kind: str) -> str:
-        """A horizontal line at a number of the second axis."""
+        """A horizontal line at a number of the vertical axis."""
         return segment(kind, self.left, self.y(value), self.right, self.y(value))
 
     def upright(self, value: float, kind: str) -> str:
-        """A vertical line at a number of the first axis."""
+        """A vertical line at a number of the horizontal axis."""
         return segment(kind, self.x(value), self.top, self.x(value), self.bottom)
 
     def columns(self, numbers: Ticks, *, gap: float = 14.0) -> str:
@@ -189,7 +189,7 @@ class Plot:
 
 
 class Canvas(Protocol):
-    """Canvas for marks: a `Plot` in SVG, or axes of matplotlib, whose methods return no text."""
+    """Surface for marks: a `Plot` in SVG, or axes of matplotlib, whose methods return no text."""
 
     def line(self, kind: str, x: ArrayLike, y: ArrayLike, *, is_closed: bool = False) -> str: ...  # noqa: D102
     def area(self, kind: str, x: ArrayLike, low: ArrayLike, high: ArrayLike) -> str: ...  # noqa: D102
@@ -212,7 +212,7 @@ class Panel:
     y_words: str = ""
     title: str = ""  # shown above the panel
     kind: str = ""  # class of its colour
-    x_ticks: Ticks = ()  # numbers with their labels; round ones by default
+    x_ticks: Ticks = ()  # numbers with their labels; empty for round numbers
     y_ticks: Ticks = ()
 
     def at(self, left: float, top: float, width: float, height: float) -> Plot:
@@ -220,7 +220,7 @@ class Panel:
         return Plot(left, top, width, height, self.x, self.y)
 
     def grid(self, plot: Plot, *, is_last: bool = True, gap: float = 14.0) -> str:
-        """Frame, lines and numbers; the numbers below only for the last of several panels with a common axis."""
+        """Frame, lines and numbers; of panels with a common axis, only the last has the numbers below."""
         across = self.x_ticks or round_ticks(self.x, 8 if plot.width > 2.0 * plot.height else 5)
         columns = plot.columns(across if is_last else [(value, "") for value, _ in across], gap=gap)
         return columns + plot.rows(self.y_ticks or round_ticks(self.y, 5), gap=gap) + plot.outline("frame")
@@ -239,7 +239,7 @@ class Panel:
 
 
 def stack_panels(title: str, panels: Sequence[Panel], *, wide: float, high: float, left: float = 58.0) -> str:
-    """A chart of panels below each other with a common horizontal axis, each `high` high."""
+    """A chart of panels, one below the other, with a common horizontal axis; each panel is `high` high."""
     top, parts = 10.0, []
     for panel in panels:
         top += 16.0 if panel.title else 0.0
@@ -250,7 +250,7 @@ def stack_panels(title: str, panels: Sequence[Panel], *, wide: float, high: floa
 
 
 def _tick_class(place: int, numbers: Ticks) -> str:
-    """Class of every second number, counted from the middle, which is hidden in narrow charts."""
+    """Class of every second number, counted from the middle; narrow charts hide these numbers."""
     return "between" if (place - len(numbers) // 2) % 2 else ""
 
 
@@ -260,16 +260,16 @@ def compass_ticks() -> list[tuple[float, str]]:
 
 
 def round_ticks(axis: Axis, most: int, unit: str = "") -> list[tuple[float, str]]:
-    """Round numbers of an axis, about `most` of them or fewer."""
+    """Round numbers of an axis with their labels, at most about `most`."""
     return label_numbers(ticks(axis.low, axis.high, most), unit=unit)
 
 
 MIN_WIDTH: Final = 1e-11
-"""Width below which an axis only shows rounding errors."""
+"""Width of an axis below which it would show only rounding errors."""
 
 
 def ticks(low: float, high: float, most: int) -> list[float]:
-    """Round numbers from `low` to `high`, at most about `most`; a single one if the ends are equal up to rounding.
+    """Round numbers from `low` to `high`, at most about `most`; just one if the ends differ only by rounding.
 
     >>> ticks(-1.0, 1.0, 5), ticks(-2e-13, 2e-13, 5)
     ([-1.0, -0.5, 0.0, 0.5, 1.0], [0.0])
@@ -283,7 +283,7 @@ def ticks(low: float, high: float, most: int) -> list[float]:
 
 
 def round_up(value: float, steps: Sequence[float] = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)) -> float:
-    """The next larger of a series of round numbers, which repeats in each decade.
+    """The next larger number of a series of round numbers, which repeats in each decade.
 
     >>> round_up(0.13), round_up(340.0, (1.0, 2.0, 5.0, 10.0))
     (0.15, 500.0)
@@ -293,7 +293,7 @@ def round_up(value: float, steps: Sequence[float] = (1.0, 1.25, 1.5, 2.0, 2.5, 3
 
 
 def nearest_round(value: float) -> float:
-    """The nearest of 1, 2 and 5 times a power of ten, by ratio.
+    """The number nearest to a value, by ratio, among 1, 2 and 5 times powers of ten.
 
     >>> nearest_round(62.0), nearest_round(250.0), nearest_round(0.8)
     (50.0, 200.0, 1.0)
@@ -303,7 +303,7 @@ def nearest_round(value: float) -> float:
 
 
 def label_numbers(values: Sequence[float], unit: str = "") -> list[tuple[float, str]]:
-    """Numbers with as many decimals as they need to differ; thousands are separated from 10,000 on.
+    """Labels of numbers with as many decimals as they need to differ; from 10,000 on, thousands are separated.
 
     >>> label_numbers([-0.5, 0.0, 0.5])
     [(-0.5, '−0.5'), (0.0, '0.0'), (0.5, '0.5')]
@@ -318,12 +318,12 @@ def label_numbers(values: Sequence[float], unit: str = "") -> list[tuple[float, 
 
 
 def outline_of(places: Floats, *, is_closed: bool = False) -> str:
-    """The `d` of a path through (n, 2) positions."""
+    """Attribute `d` of an SVG path through (n, 2) positions."""
     return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in places.tolist()) + "Z" * is_closed
 
 
 def shape(kind: str, places: Floats, *, is_closed: bool = False) -> str:
-    """A line through (n, 2) positions; empty without any."""
+    """A line through (n, 2) positions; empty for no positions."""
     return f'<path class="{kind}" d="{outline_of(places, is_closed=is_closed)}"/>' if len(places) else ""
 
 
@@ -343,7 +343,7 @@ def rectangle(kind: str, left: float, top: float, width: float, height: float, m
 
 
 def text(x: float, y: float, words: str, anchor: str = "middle", kind: str = "", *, is_turned: bool = False) -> str:
-    """Escaped words; empty without any."""
+    """Words at a position, escaped for SVG; empty for no words."""
     if not words:
         return ""
     turn = f' transform="rotate(-90 {x:.1f} {y:.1f})"' if is_turned else ""
@@ -351,13 +351,13 @@ def text(x: float, y: float, words: str, anchor: str = "middle", kind: str = "",
 
 
 def key(x: float, y: float, *entries: tuple[str, str]) -> str:
-    """Words, each in the colour of the named mark, aligned at their right end."""
+    """Words, each in the colour of the mark that they name; their right ends are aligned."""
     words = "\N{EM SPACE}".join(f'<tspan class="name {kind}">{escape(name)}</tspan>' for kind, name in entries)
     return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="end">{words}</text>'
 
 
 def dot_path(places: ArrayLike) -> str:
-    """Points as the `d` of a path in half units, without duplicates, a few characters each."""
+    """Attribute `d` of an SVG path of dots in half units, a few characters each, without duplicates."""
     cells = np.unique(np.rint(2.0 * np.asarray(places, float).reshape(-1, 2)).astype(int)[:, ::-1], axis=0)
     steps = np.diff(cells, axis=0, prepend=0)
     return "".join(f"m{x}{'' if y < 0 else ' '}{y}h0" for y, x in steps.tolist())
@@ -431,9 +431,9 @@ def drawing(width: float, height: float, title: str, *parts: str, style: str = "
 
 
 def rules_for(shapes: str) -> str:
-    """The rules of ``figure.css`` for these shapes, with the colours of the light theme, then of the dark one.
+    """The rules of ``figure.css`` that apply to shapes, with the colours of the light theme, then of the dark theme.
 
-    Colours are literal, as not every SVG program supports variables.
+    Colours are literal, since not every SVG program supports variables.
     """
     kinds = {kind for kinds in re.findall(r'class="([^"]*)"', shapes) for kind in kinds.split()}
     sheet = asset("static/figure.css").splitlines()
@@ -444,7 +444,7 @@ def rules_for(shapes: str) -> str:
 
 
 def _is_used(rule: str, kinds: set[str]) -> bool:
-    """Whether all classes of one of a rule's selectors occur."""
+    """Whether all classes in one of a rule's selectors occur among the given classes."""
     selectors = rule.partition("{")[0].split(",")
     return any(set(re.findall(r"\.([\w-]+)", one)) - {"figure"} <= kinds for one in selectors)
 

@@ -1,4 +1,4 @@
-"""The check of a calibration on another recording as a page for the terminal."""
+"""The check of a calibration on another recording, as a page for the terminal."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def page_of_check(checked: Check, spell: Spelling = python_arguments) -> RenderableType:
-    """Lay out a check: the comparison, or for a recording without a usable fit its partial evidence."""
+    """Lay out a check: the comparison, or the partial evidence of a recording without a usable fit."""
     if checked.comparison is None or checked.fresh_strength is None:
         return page_of_partial_check(checked.known, checked.fresh, checked.strength, spell)
     strengths = checked.strength, checked.fresh_strength
@@ -32,7 +32,7 @@ def page_of_check(checked: Check, spell: Spelling = python_arguments) -> Rendera
 
 
 def page_of_aged(aged: AgedCalibration) -> RenderableType:
-    """Lay out the ageing of a calibration."""
+    """Lay out the present heading error of an older calibration."""
     until, since = aged.until, aged.since
     walk = (
         phrase("aged.walk-of-unit", "by the walk of this unit")

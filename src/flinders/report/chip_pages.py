@@ -1,4 +1,4 @@
-"""The table of chips, and one chip with its settings, known mistakes and sources, for the terminal and for the docs."""
+"""The table of chips, and each chip with its settings, known errors and sources, for the terminal and the docs."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ HEADINGS: Final = ("chip", "maker", "µT of a count", "range, µT", "noise, µT"
 
 
 def of_chips(rows: Iterable[Chip]) -> RenderableType:
-    """Lay out a line for each chip, with its power-on setting, below its maker."""
+    """Lay out one line for each chip, in its power-on setting, below the name of its maker."""
     name, _, *values = HEADINGS
     laid: list[tuple[RenderableType, ...]] = []
     for maker, chips in groupby(rows, key=lambda chip: chip.maker):
@@ -34,7 +34,7 @@ def of_chips(rows: Iterable[Chip]) -> RenderableType:
 
 
 def of_chip(chip: Chip) -> RenderableType:
-    """Lay out one chip: all settings, axes, known mistakes and sources."""
+    """Lay out one chip with all settings, its axes, known errors and sources."""
     rows = [
         ("chip", chip.name),
         ("maker", chip.maker),
@@ -53,7 +53,7 @@ def of_chip(chip: Chip) -> RenderableType:
 
 
 def markdown(rows: Iterable[Chip]) -> str:
-    """Write the page of the docs: a table, then for each chip its settings, known mistakes and sources."""
+    """Write the page of the docs: a table, then the settings, known errors and sources of each chip."""
     chips = list(rows)
     lines = [f"| {' | '.join(HEADINGS)} |", f"|{'---|' * len(HEADINGS)}"]
     lines += [f"| {' | '.join(_row(chip))} |" for chip in chips]
@@ -61,7 +61,7 @@ def markdown(rows: Iterable[Chip]) -> str:
 
 
 def lsb_words(setting: ChipSetting, digits: int = 6) -> str:
-    """Write the µT of a count, and that of z if it differs.
+    """Write the µT per count, and that of the z axis if it differs.
 
     >>> from flinders.core.chips import find_chip
     >>> lsb_words(find_chip("BMM350").settings[0], 3)
@@ -72,17 +72,17 @@ def lsb_words(setting: ChipSetting, digits: int = 6) -> str:
 
 
 def noise_words(chip: Chip) -> str:
-    """Write the rms noise with its setting; empty without a source."""
+    """Write the rms noise, with the setting that it is for; empty without a source."""
     return "" if chip.noise_ut is None else f"{chip.noise_ut:g} µT rms ({chip.noise_at})"
 
 
 def axes_words(chip: Chip) -> str:
-    """Write the mapping of axes, and the axes that it leads to; empty if none is known."""
+    """Write the mapping of axes, and the axes that result; empty if no mapping is known."""
     return chip.axes and f"--axes={chip.axes} for {chip.axes_are}"
 
 
 def _row(chip: Chip) -> tuple[str, ...]:
-    """Write a chip for the table, in its power-on setting."""
+    """Row of a chip in the table, in its power-on setting."""
     setting = chip.settings[0]
     ranges = "" if setting.range_ut is None else f"±{setting.range_ut:g}"
     noise = "" if chip.noise_ut is None else f"{chip.noise_ut:g}"
@@ -90,7 +90,7 @@ def _row(chip: Chip) -> tuple[str, ...]:
 
 
 def _section(chip: Chip) -> list[str]:
-    """Write a section of the docs."""
+    """Lines of the docs about one chip."""
     settings = "; ".join(_setting_words(each) for each in chip.settings)
     known = {
         "Also": ", ".join(chip.also),
@@ -107,12 +107,12 @@ def _section(chip: Chip) -> list[str]:
 
 
 def _setting_words(setting: ChipSetting) -> str:
-    """Write a setting for the docs: µT of a count, the reading in zero field if it is not 0, and its use."""
+    """Write a setting for the docs: µT per count, the reading in zero field if it is not 0, and the use."""
     zero = f", {setting.zero} counts in zero field" if setting.zero else ""
     usual = " (usual)" if setting.is_usual else ""
     return f"{lsb_words(setting)}{'' if setting.name == 'fixed' else f' at {setting.name}'}{zero}{usual}"
 
 
 def _literal(text: str) -> str:
-    """Write a text for Markdown, where stars and underscores of names in code are not marks."""
+    """Write a text for Markdown, so that stars and underscores in names have no effect."""
     return text.replace("*", r"\*").replace("_", r"\_")

@@ -1,8 +1,8 @@
-"""Colours of the report and of figures: those of the page, and its scale for predicted heading errors.
+"""Colours of reports and figures: those of the live page, and a scale for predicted heading errors.
 
 The scale is that of ``static/views/colours.js``, in classes (`tests/live/test_colours_agree.py`). It is logarithmic in
-error ÷ target, from teal at half the target, through green at the target and amber at its double, to deep magenta.
-Lightness falls monotonically, so that the scale can be read in grey and in print.
+the ratio of error to target: teal at half the target, green at the target, amber at twice the target, and deep magenta
+at the end. Lightness decreases steadily, so that the scale can be read in grey and in print.
 
 >>> colour_of("e3", "light"), colour_of("e19", "light"), colour_of("unknown", "light")
 ('#4ac193', '#8d023f', '#c3cad2')
@@ -20,7 +20,7 @@ from typing import Final, Literal
 Theme = Literal["light", "dark"]
 
 ENDS: Final = (0.5, 12.0)
-"""Error ÷ target at the ends of the scale."""
+"""Ratio of error to target at the two ends of the scale."""
 
 ERRORS: Final[dict[Theme, tuple[str, ...]]] = {
     "light": (
@@ -32,18 +32,18 @@ ERRORS: Final[dict[Theme, tuple[str, ...]]] = {
         "#db7f19", "#d9701b", "#d7611d", "#d4501e", "#d13c1f", "#c4352d", "#b72e35", "#ab263c", "#9e1e41", "#921445",
     ),
 }  # fmt: skip
-"""Colours of the error classes, so that one style sheet colours a figure for each theme."""
+"""Colours of the error classes in each theme."""
 
 STEPS: Final = len(ERRORS["light"])
 
 LEGEND: Final = (0.5, 1.0, 2.0, 5.0)
-"""Error ÷ target at the marks of a legend."""
+"""Ratio of error to target at the marks of a legend."""
 
 COVERAGE_COLOURS: Final[dict[Theme, tuple[str, ...]]] = {
     "light": ("#e8ecf0", "#b9d7ee", "#7db7e0", "#3a8cc8", "#0a5a96"),
     "dark": ("#232c36", "#234a66", "#2f7099", "#4aa0d0", "#8ed8ff"),
 }
-"""Colours of a tile by readings: none, and the classes of `seen_ends`."""
+"""Colours of a tile by its number of readings: no reading, then the classes of `seen_ends`."""
 
 ROLES: Final[dict[Theme, dict[str, str]]] = {
     "light": {
@@ -59,18 +59,18 @@ ROLES: Final[dict[Theme, dict[str, str]]] = {
         "unknown": "#3b4550", "next": "#f3f6f9",
     },
 }  # fmt: skip
-"""Colours by role."""
+"""Colours by their role."""
 
 
 SERIES: Final[dict[Theme, tuple[str, ...]]] = {
     "light": ("#0072b2", "#d55e00", "#009e73", "#7a5195", "#a06a00", "#c0398c"),
     "dark": ("#56b4e9", "#ff9a56", "#3ccf9f", "#b9a0f0", "#e0b84c", "#f28cc6"),
 }
-"""Six line colours that remain distinct for red-green colour-blind readers (Okabe and Ito), and in print."""
+"""Six colours of lines that red-green colour-blind readers can distinguish, also in print (Okabe and Ito)."""
 
 
 def colour_of(name: str, theme: Theme) -> str:
-    """The colour for a name in a style sheet: a role, a line of several, or a class of a map.
+    """Colour for a name in a style sheet: a role, one of several lines, or a class of a map.
 
     >>> colour_of("ink", "dark"), colour_of("c1", "light"), colour_of("s1", "light")
     ('#eef2f6', '#d55e00', '#b9d7ee')
@@ -79,7 +79,7 @@ def colour_of(name: str, theme: Theme) -> str:
 
 
 def class_of(deg: float | None, target_deg: float) -> str:
-    """The class of an error in the style sheet."""
+    """Class of an error in the style sheet."""
     if deg is None or math.isnan(deg):
         return "unknown"
     low, high = map(math.log, ENDS)
@@ -94,14 +94,14 @@ def variables(theme: Theme) -> str:
 
 @cache
 def _palette(theme: Theme) -> dict[str, str]:
-    """Colours by name: roles, lines of several (c), classes of errors (e) and of readings (s)."""
+    """Colours by name: roles, lines (c), error classes (e) and classes of readings (s)."""
     series = {"c": SERIES[theme], "e": ERRORS[theme], "s": COVERAGE_COLOURS[theme]}
     numbered = {f"{letter}{place}": one for letter, row in series.items() for place, one in enumerate(row)}
     return ROLES[theme] | numbered
 
 
 def seen_ends(share: float) -> tuple[int, int, int]:
-    """Upper ends of the classes of readings per tile: about a third, all and three times an even share.
+    """Largest counts of the lower three classes of tiles: about ⅓, 1 and 3 times the equal share of readings.
 
     >>> seen_ends(15.6), seen_ends(0.3)
     ((5, 16, 47), (1, 2, 3))
@@ -112,7 +112,7 @@ def seen_ends(share: float) -> tuple[int, int, int]:
 
 
 def seen_level(count: int, ends: tuple[int, int, int]) -> int:
-    """Index in `COVERAGE_COLOURS` of a tile with so many readings.
+    """Index in `COVERAGE_COLOURS` of a tile with this number of readings.
 
     >>> [seen_level(count, (5, 16, 47)) for count in (0, 2, 6, 17, 50)]
     [0, 1, 2, 3, 4]

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 TITLES: Final = {
     "holds": ("AGREE", "HOLDS"), "fails": ("CONTRADICT", "FAILS"), "cannot-tell": ("CANNOT TELL", "CANNOT TELL"),
 }  # fmt: skip
-"""Titles for two calibrations, and for one on another recording."""
+"""Titles of a comparison of two calibrations, and of a check on another recording."""
 
 EVALUATION_TITLES: Final = {
     "as claimed": "AS CLAIMED",
@@ -66,11 +66,11 @@ def page_of_comparison(
     own: Sequence[str] = (),
     name: str = "the calibration",
 ) -> RenderableType:
-    """Lay out two calibrations side by side: the difference, the share of chance, the verdict.
+    """Lay out two calibrations side by side: their difference, whether chance explains it, and the verdict.
 
     In a check on a recording, `fresh` is the fit of that recording, whose limits are listed below, and `strengths` are
-    its strengths under both calibrations; `name` stands for the first one. `own` names recordings that the calibration
-    was made from: agreement with these proves nothing.
+    the lengths of its readings after both calibrations. `name` is the name of the first calibration. `own` names
+    recordings of the calibration itself: agreement with these proves nothing.
     """
     found = (
         () if fresh is None else without_repeated_steps(each for each in fresh.findings if each.severity == "limits")
@@ -93,7 +93,7 @@ def page_of_comparison(
 def page_of_partial_check(
     known: Fit, fit: Fit, strength: LengthSums, spell: Spelling = python_arguments
 ) -> RenderableType:
-    """Lay out the evidence of a recording without a usable fit about a known calibration, with the reasons."""
+    """Lay out what a recording without a usable fit says about a known calibration, and why there is no fit."""
     basis = joined(count(fit.evidence.samples, "reading"), fit.evidence.method)
     made, name = known.evidence.noise / known.calibration.ellipsoid.radius, known.provenance.name
     words = phrase(
@@ -112,7 +112,7 @@ def page_of_partial_check(
 
 
 def page_of_evaluation(evaluation: Evaluation) -> RenderableType:
-    """Lay out a calibration against the truth: true errors, claimed errors, their ratio, the verdict."""
+    """Lay out a calibration and the truth: true errors, claimed errors, their ratio, and the verdict."""
     return page(_true_errors(evaluation), _true_parameters(evaluation), _evaluation_verdict(evaluation))
 
 
@@ -120,7 +120,7 @@ def page_of_evaluation(evaluation: Evaluation) -> RenderableType:
 
 
 def chance_words(value: float | None) -> str:
-    """State whether chance explains a difference."""
+    """Words for whether chance explains a difference, by its p-value."""
     if value is None:
         return phrase("chance.unknown", "no uncertainty is stated, so chance cannot be assessed")
     if value >= MAX_P_VALUE:
@@ -184,7 +184,7 @@ def _differences(comparison: Comparison) -> Table:
 
 
 def _offset_cells(offset: Floats, sigma: Floats | None) -> str:
-    """Offset along x, y and z, with its uncertainty if known."""
+    """Offset along x, y and z, with its uncertainty if that is known."""
     sigmas = np.zeros(3) if sigma is None else sigma
     return numeral("   ".join(with_uncertainty(*pair) for pair in zip(offset + 0.0, sigmas, strict=True)))
 
@@ -212,7 +212,7 @@ def _strengths(name: str, known: LengthSums, fresh: LengthSums) -> Table:
 def _comparison_verdict(
     comparison: Comparison, fresh: Fit | None, limits: Sequence[str], *, is_unchecked: bool
 ) -> Table:
-    """The answer, and its basis."""
+    """The answer, and the numbers that it is based on."""
     basis = _square_basis(comparison.heading_difference_deg, comparison.chi_square, comparison.freedom)
     if comparison.omitted_rotation_deg is not None:
         omitted = phrase(
@@ -235,7 +235,7 @@ def covered_words(fit: Fit) -> str:
 
 
 def _square_basis(error: HeadingError, square: float | None, freedom: int) -> str:
-    """Dip for which a heading error holds, and χ² if there is one."""
+    """Dip for which a heading error holds, and chi-square if there is one."""
     level = phrase("compare.level", "level vehicle, dip {dip}°", dip=general(error.dip_deg, ".3g"))
     if square is None:
         return level
@@ -245,7 +245,7 @@ def _square_basis(error: HeadingError, square: float | None, freedom: int) -> st
 
 
 def _words(comparison: Comparison, fresh: Fit | None, *, is_limited: bool) -> str:
-    """The answer in words: difference, bound, target and chance, then the remedy."""
+    """The answer in words: difference, bound, target and chance; then the remedy."""
     target = f"{general(comparison.target_deg)}°"
     if comparison.is_identical:
         return phrase("compare.same", "the same calibration twice")
@@ -287,7 +287,7 @@ def _holds_words(comparison: Comparison, target: str, chance: str, *, is_changed
 
 
 def _remedy(comparison: Comparison, *, is_checked: bool, is_limited: bool) -> str:
-    """Remedy if the claims are too wide for an answer."""
+    """Remedy for claims that are too wide for an answer."""
     again = phrase("compare.again", "calibrate again, from a longer recording")
     if not is_checked:
         name = (comparison.wider_claim or "").upper()
@@ -312,7 +312,7 @@ def _recording_remedy(is_limited: bool) -> str:
 
 
 def at_most(angle_deg: float) -> str:
-    """Format the upper limit of an angle.
+    """Write the upper limit of an angle.
 
     >>> at_most(0.66), at_most(170.0)
     ('0.66°', 'any angle')
@@ -321,7 +321,7 @@ def at_most(angle_deg: float) -> str:
 
 
 def up_to(angle_deg: float) -> str:
-    """Format the largest of several angles; above a right angle, any angle is possible.
+    """Write the largest of several angles; more than 90° is written as any angle.
 
     >>> up_to(0.31), up_to(170.0)
     ('up to 0.31°', 'any angle')
@@ -379,7 +379,7 @@ def _true_errors(evaluation: Evaluation) -> Table:
 def _true_cells(
     true: HeadingError | DirectionError, claimed: HeadingError | DirectionError | None, ratio: float | None
 ) -> list[str]:
-    """An error, its claim, and their ratio; empty cells without a claim."""
+    """Cells for an error, its claim, and their ratio; without a claim empty ones."""
     claims = ("", "") if claimed is None else (angle(claimed.rms), angle(claimed.worst))
     return [angle(true.rms), angle(true.worst), *claims, "" if ratio is None else numeral(figures(ratio))]
 
@@ -452,7 +452,7 @@ def _digits(value: float) -> str:
     return numeral(f"{figures(100 * value)}%" if abs(value) > 1e-9 else "0%")
 
 
-# ------------------------------------------------------------------------------------------ what to choose from
+# ---------------------------------------------------------------------------------------------- methods and targets
 
 
 def page_of_methods(
@@ -468,7 +468,7 @@ def page_of_methods(
 
 
 def page_of_targets(targets: Collection[Target]) -> RenderableType:
-    """Lay out the targets by groups, and below them the unverified properties of those with a star."""
+    """Lay out the targets by group, and below them the properties that no source confirms, each marked with a star."""
     headings = [
         Column("target", no_wrap=True),
         Column("written form", overflow="fold"),

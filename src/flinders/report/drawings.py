@@ -1,4 +1,4 @@
-"""Convergence of an estimate with the number of readings, as a drawing (SVG) and as a table (CSV).
+"""Convergence of an estimate with the number of readings, as an SVG drawing and as a CSV table.
 
 >>> from flinders.estimators import Convergence, Estimate
 >>> from flinders.geometry.ellipsoid import Ellipsoid
@@ -48,26 +48,26 @@ PARAMETERS: Final = (
     "offset_x", "offset_y", "offset_z",
     "shape_xx", "shape_yy", "shape_zz", "shape_xy", "shape_xz", "shape_yz",
 )  # fmt: skip
-"""Names of the parameters, in order."""
+"""Names of the nine parameters, in order."""
 
 EARLY_DIVISOR: Final = 2
-"""The first 1 / `EARLY_DIVISOR` of the steps is ignored for the scale of a plot, as early estimates exceed it."""
+"""Divisor of the steps: the first 1 / `EARLY_DIVISOR` of them do not affect the scale of a plot, as they exceed it."""
 
 MAX_TICK_SHARE: Final = 0.75
-"""Share of all readings above which an axis number would overlap the last one."""
+"""Share of all readings above which a number on the axis would overlap the last one."""
 
 MIN_AXIS_DEG, MAX_AXIS_DEG = 0.01, 100.0
-"""Ends of the axis of headings in degrees; a decade without values is omitted."""
+"""Ends of the axis of heading differences, in degrees; decades without values are left out."""
 
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """A convergence with the data to show it.
+    """The convergence of an estimate, with the data that are needed to show it.
 
-    The last value is that of the last step with an ellipsoid: a method that diverges has none at the end.
+    Differences are taken from the last step with an ellipsoid: a method that diverges has none at the end.
     """
 
-    steps: Convergence  # with an ellipsoid at least at one step
+    steps: Convergence  # has an ellipsoid at one step or more
     method: str
     unit: str  # "uT" or "counts"
     dip_deg: float = 60.0
@@ -77,7 +77,7 @@ class Trace:
     def of(
         cls, recording: Recording, method: Estimator, *, dip_deg: float = 60.0, target_deg: float = 1.0
     ) -> Self | None:
-        """Trace a method over a recording; None if it gives no result."""
+        """Follow the estimate of a method over a recording; None if the method gives no result."""
         try:
             steps = cast("SequentialEstimator", method).converge(remove_saturated(Readings.of(recording)))
         except FitError:
@@ -88,18 +88,18 @@ class Trace:
 
     @cached_property
     def differences(self) -> Floats:
-        """(K, 9) differences between each parameter and its last value."""
+        """(K, 9) difference of each parameter from its last value."""
         off: Floats = self.steps.parameters - self.steps.parameters[self.last]
         return off
 
     @cached_property
     def last(self) -> int:
-        """The last step with an ellipsoid; the last step of all if there is none."""
+        """The last step with an ellipsoid; without any, the last step."""
         return len(self.steps) - 1 if self.steps.last is None else self.steps.last
 
     @cached_property
     def heading_differences_deg(self) -> Floats:
-        """(K,) differences of the worst level heading from the last one, in degrees, to first order; at most 180."""
+        """(K,) difference in degrees of the worst level heading from the last step, to first order; at most 180."""
         known = self.steps.is_known
         gradients = level_gradients(self.steps.ellipsoid(self.last), dip_deg=self.dip_deg)
         errors: Floats = np.full(len(self.steps), np.nan)
@@ -110,7 +110,7 @@ class Trace:
 
 
 def convergence_table(trace: Trace) -> str:
-    """A line for each step: count of readings, heading difference, parameters and their 1 σ.
+    """Write a line for each step: number of readings, heading difference, parameters and their 1 σ.
 
     Unknown values are left empty.
     """
@@ -126,7 +126,7 @@ def convergence_table(trace: Trace) -> str:
 
 
 def convergence_drawing(trace: Trace) -> str:
-    """Draw offset, shape and heading over the count of readings, below each other."""
+    """Draw offset, shape and heading over the number of readings, one below the other."""
     panels = [_parameters(trace, "offset", range(3)), _parameters(trace, "shape", range(3, 9)), _headings(trace)]
     legends = [_legend(trace, range(3)), _legend(trace, range(3, 9)), []]
     parts, top = [text(58, 20, _title(trace), "start", "title")], 58.0
@@ -155,13 +155,13 @@ def _title(trace: Trace) -> str:
 
 
 def _over_readings(trace: Trace) -> tuple[Axis, list[tuple[float, str]]]:
-    """A square-root axis of the count of readings, as most changes are early, and its numbers."""
+    """Axis of the number of readings and its numbers; the scale is a square root, as most changes are early."""
     whole = int(trace.steps.counts[-1])
     return Axis(0.0, float(whole), np.sqrt), [(count, f"{count:,}") for count in (0, *root_ticks(whole), whole)]
 
 
 def _parameters(trace: Trace, name: str, which: range) -> Panel:
-    """Differences of some parameters from their last values: bands of 1 σ first, then the lines on top."""
+    """Differences of some parameters from their last values: bands of 1 σ, with the lines on top."""
     counts, sizes = (
         trace.steps.counts,
         (np.abs(trace.differences[:, which]) + trace.steps.sigmas[:, which])[: trace.last + 1],
@@ -187,12 +187,12 @@ def _parameters(trace: Trace, name: str, which: range) -> Panel:
 
 
 def _kind(place: int) -> str:
-    """Class of the line of one of six parameters: the first three are solid, the others dashed."""
+    """Class of the line of one of six parameters: the first three are solid, the others are dashed."""
     return f"line c{place}{' dashed' * (place > 2)}"
 
 
 def _legend(trace: Trace, which: range) -> list[str]:
-    """Name, last value and uncertainty of each line."""
+    """Name, last value and uncertainty for each line."""
     last, sigma = trace.steps.parameters[trace.last], trace.steps.sigmas[trace.last]
     return [
         minus(f"{PARAMETERS[one].partition('_')[2]} {with_uncertainty(float(last[one]), float(sigma[one]))}")
@@ -201,13 +201,13 @@ def _legend(trace: Trace, which: range) -> list[str]:
 
 
 def _entry(top: float, place: int, words: str) -> str:
-    """One entry of a legend, three side by side."""
+    """One entry of a legend, of which three are side by side."""
     x, y = 58 + 478 / 3 * (place % 3), top + 13 + 18 * (place // 3)
     return segment(_kind(place), x, y - 4, x + 18, y - 4) + text(x + 24, y, words, "start", "small")
 
 
 def _headings(trace: Trace) -> Panel:
-    """Difference of the worst level heading from the last one, by decades, with the target."""
+    """Difference of the worst level heading from the last step, on a logarithmic axis, with the target."""
     known = trace.heading_differences_deg[trace.heading_differences_deg > 0.0]
     least, most = (float(known.min()), float(known.max())) if len(known) else (0.1, 1.0)
     low = 10.0 ** math.floor(math.log10(min(max(least, MIN_AXIS_DEG), MAX_AXIS_DEG / 10.0)))
@@ -226,7 +226,7 @@ def _headings(trace: Trace) -> Panel:
 
 
 def root_ticks(whole: int) -> list[int]:
-    """Round numbers at about a quarter, half and three quarters of a square-root axis from 0 to `whole`.
+    """Round numbers at about a quarter, half and three quarters of the length of a square-root axis from 0 to `whole`.
 
     >>> root_ticks(1000), root_ticks(2400), root_ticks(5)
     ([50, 200, 500], [200, 500, 1000], [1, 2])

@@ -1,4 +1,4 @@
-"""Data of figures: a fit as a `View`, and some of the readings that it was made from.
+"""Data of figures: a fit as a `View`, and some of its readings.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -35,21 +35,21 @@ if TYPE_CHECKING:
     from flinders.report.view import Shown, View
 
 MAX_READINGS: Final = 10_000
-"""Largest number of readings that are drawn; a longer recording is thinned to every k-th."""
+"""Largest number of readings that are drawn; of a longer recording, every k-th is drawn."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FigureData:
-    """A fit and readings, ready to be drawn; fields are in `unit`."""
+    """A fit and its readings, ready to be drawn; fields are in `unit`."""
 
     view: View | None  # None without a fit
     whole: Samples  # all readings, without modelled disturbances
-    raw: Floats  # (n, 3), every `stride`-th of them
-    recorded: Floats  # (n, 3), the same as recorded
+    raw: Floats  # (n, 3): every `stride`-th of the readings in `whole`
+    recorded: Floats  # (n, 3): the same readings as they were recorded
     driving: dict[str, Floats]  # (n,) values of the modelled disturbances, by name
-    when: Floats  # (n,) seconds since the first reading, or numbers of readings, by `clock`
+    when: Floats  # (n,): s since the first reading, or the number of the reading, by `clock`
     clock: str  # "s" for a single recording with ascending times, else "reading"
-    is_used: NDArray[np.bool_]  # (n,) readings that the fit did not leave out
+    is_used: NDArray[np.bool_]  # (n,): whether the fit used the reading
     total: int  # number of readings in the whole recording
     stride: int
     unit: str  # "µT" or "counts"
@@ -57,16 +57,17 @@ class FigureData:
 
     @classmethod
     def of(cls, fit: Fit | None, recording: Recording, *, most: int = MAX_READINGS) -> Self:
-        """Collect the data in one pass over a recording.
+        """Collect the data of a figure in one pass over a recording.
 
         Parameters
         ----------
         fit : Fit or None
-            Good, limited or refused; None if the recording gave none.
+            Good, limited or refused; None for a recording that gave no fit.
         recording : Recording
-            The fitted readings, as recorded; `InputError` if they cannot be read, or lack a modelled disturbance.
+            The fitted readings, as recorded. `InputError` is raised if they cannot be read or lack a modelled
+            disturbance.
         most : int
-            Largest number of readings that are drawn; the `View` counts all of them.
+            Largest number of readings that are drawn; the `View` uses all of them.
         """
         recorded = read_into_memory(recording)
         followed = {} if fit is None else {one.name: one for one in fit.calibration.disturbances}
@@ -98,7 +99,7 @@ class FigureData:
 
     @property
     def shown(self) -> Shown | None:
-        """The correction for the drawn readings; None without one."""
+        """Correction of the drawn readings; None if the fit has none."""
         return None if self.view is None else self.view.shown
 
     @property
@@ -107,7 +108,7 @@ class FigureData:
         return np.empty((0, 3)) if self.shown is None else _apply_correction(self.shown, self.raw)
 
     def strengths(self, *, is_compensated: bool) -> Floats:
-        """(n,) lengths of the corrected readings, with or without the modelled disturbances removed."""
+        """(n,) lengths of corrected readings; with `is_compensated` without the effect of modelled disturbances."""
         if self.shown is None:
             return np.empty(0)
         strengths: Floats = np.linalg.norm(
@@ -116,7 +117,7 @@ class FigureData:
         return strengths
 
     def random_walk(self, fit: Fit) -> RandomWalk | None:
-        """Random walk of the offset over one recording; None without times, or for few readings."""
+        """Random walk of the offset within a recording; None without times, or for few readings."""
         time = self.whole.time
         if time is None or self.clock != "s" or self.total < MIN_READINGS or not time[-1] > time[0]:
             return None
@@ -126,7 +127,7 @@ class FigureData:
 
     @property
     def shape(self) -> Floats | None:
-        """(3, 3) S of the ellipsoid raw = offset + S u that the correction maps to a sphere; None without one."""
+        """(3, 3) S of the ellipsoid raw = offset + S u, which the correction maps to a sphere; None without one."""
         if self.shown is None:
             return None
         shape: Floats = self.shown.strength * np.linalg.inv(self.shown.matrix)
@@ -134,7 +135,7 @@ class FigureData:
 
     @property
     def residuals(self) -> Floats:
-        """(n,) excess length of each corrected reading over the field; empty without a correction."""
+        """(n,) length of each corrected reading minus the field strength; empty without a correction."""
         return np.empty(0) if self.shown is None else excess_lengths(self.corrected, self.shown.strength, self.plane)
 
 
@@ -145,13 +146,13 @@ def _apply_correction(shown: Shown, field: Floats) -> Floats:
 
 
 def _view_with_guidance(fit: Fit, samples: Samples) -> View:
-    """The view, with guidance for the next unmet goal: headings, then all attitudes; none for a good fit."""
+    """View with guidance for the next goal that is not met: headings, then all attitudes; none for a good fit."""
     seen = view(fit, samples, goal="heading" if fit.heading_error_deg.worst > fit.claim.target_deg else "attitude")
     return msgspec.structs.replace(seen, guidance=None) if fit.verdict == "good" else seen
 
 
 def _time_axis(samples: Samples, *, is_one: bool) -> tuple[Floats, str]:
-    """Positions of readings along an axis of time, and the unit of its numbers."""
+    """Positions of readings along the time axis, and the unit of its numbers."""
     time = samples.time
     if time is not None and is_one and len(time) and np.isfinite(time).all() and (np.diff(time) >= 0.0).all():
         return time - time[0], "s"

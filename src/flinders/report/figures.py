@@ -1,6 +1,6 @@
-"""Figures of a calibration's report: readings before and after, the sphere, residuals, deviation.
+"""Figures of a calibration's report: readings before and after correction, sphere, residuals, deviation.
 
-They contain only numbers and fixed words: no name of a file or sensor.
+The figures contain only numbers and fixed words: no names of files or sensors.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -56,24 +56,24 @@ if TYPE_CHECKING:
 
 AXES: Final = "xyz"
 PLANES: Final = ((0, 1), (0, 2), (1, 2))
-"""Axes to the right and upwards in each projection."""
+"""Axes of the sensor to the right and upwards, for each projection."""
 
 SIDE, EDGE = 260, 34
-"""Side of a square figure, and its margin below and, for short numbers, to the left."""
+"""Side of a square figure, and its margin below; the left margin is larger for long numbers."""
 DIGIT_WIDTH: Final = 7.0
 """Width of a digit next to an axis."""
 WIDTH: Final = 820
 MAX_OFFSET_RATIO: Final = 4.0
-"""The origin is shown if the offset is at most this many field strengths long."""
+"""Longest offset, relative to the field strength, for which the origin is shown."""
 
 AZIMUTH, ELEVATION = math.radians(32.0), math.radians(20.0)
-"""Initial viewpoint of the 3-D view (``static/views/camera.js``)."""
+"""Initial viewpoint of the 3-D view in rad, as in ``static/views/camera.js``."""
 
 PREDICTED_TITLE: Final = "Predicted error"
-"""Title of the sphere of tiles."""
+"""Title of the sphere of directions with predicted errors."""
 
 MAX_SIGMAS: Final = 4.5
-"""Range of residuals in standard deviations; larger ones are drawn at the edge."""
+"""Range of residuals in standard deviations; larger residuals are drawn at the edge."""
 
 PARAMETERS: Final = ("bx", "by", "bz", "Sxx", "Syy", "Szz", "Sxy", "Sxz", "Syz")
 
@@ -82,7 +82,7 @@ PARAMETERS: Final = ("bx", "by", "bz", "Sxx", "Syy", "Szz", "Sxy", "Sxz", "Syz")
 
 
 def projections(drawn: FigureData, *, is_corrected: bool) -> list[str]:
-    """The readings seen along z, y and x: before with the fitted ellipse, after with the circle."""
+    """Readings seen along z, y and x: before correction with the fitted ellipse, after it with the circle."""
     name, figures = "after" if is_corrected else "before", []
     panels = [projection(drawn, plane, is_corrected=is_corrected) for plane in PLANES]
     edge = max(EDGE, *map(_width_of_numbers, panels))
@@ -100,12 +100,12 @@ def projections(drawn: FigureData, *, is_corrected: bool) -> list[str]:
 
 
 def _width_of_numbers(panel: Panel) -> float:
-    """Width of the numbers next to a panel."""
+    """Width of the numbers next to the vertical axis of a panel."""
     return 10.0 + DIGIT_WIDTH * max((len(words) for _, words in round_ticks(panel.y, 5)), default=0)
 
 
 def projection(drawn: FigureData, plane: tuple[int, int], *, is_corrected: bool) -> Panel:
-    """Readings seen along an axis, with the outline of the ellipsoid or sphere."""
+    """Readings seen along one axis, with the outline of the ellipsoid or sphere."""
     (i, j), name, shown = plane, "after" if is_corrected else "before", drawn.shown
     points, low, high = extents(drawn, is_corrected=is_corrected)
     used, out = points[drawn.is_used], points[~drawn.is_used]
@@ -121,7 +121,7 @@ def projection(drawn: FigureData, plane: tuple[int, int], *, is_corrected: bool)
 
 
 def extents(drawn: FigureData, *, is_corrected: bool) -> tuple[Floats, Floats, Floats]:
-    """(n, 3) readings, and two corners (3,) of a cube around them, which is the same for all projections."""
+    """(n, 3) readings, and two opposite corners (3,) of a cube around them, which all projections share."""
     if is_corrected:
         strength = 1.0 if drawn.shown is None else drawn.shown.strength
         return drawn.corrected, np.full(3, -1.25 * strength), np.full(3, 1.25 * strength)
@@ -138,7 +138,7 @@ def extents(drawn: FigureData, *, is_corrected: bool) -> tuple[Floats, Floats, F
 
 
 def _extent(points: Floats) -> tuple[Floats, Floats]:
-    """Corners of a box around nearly all (n, 3) points."""
+    """Two opposite corners (3,) of a box around nearly all of (n, 3) points."""
     if not len(points):
         return np.full(3, -1.0), np.full(3, 1.0)
     low, high = np.quantile(points, [0.002, 0.998], axis=0)
@@ -146,15 +146,15 @@ def _extent(points: Floats) -> tuple[Floats, Floats]:
 
 
 def outline(drawn: FigureData, plane: tuple[int, int], *, is_corrected: bool) -> Floats:
-    """(72, 2) outline of the ellipsoid, or of the corrected sphere, seen along the third axis.
+    """(72, 2) outline of the ellipsoid, or of the sphere after correction, seen along the third axis.
 
-    Empty, (0, 2), without a surface.
+    (0, 2) without a surface.
     """
     return _silhouette(drawn, np.eye(3)[list(plane)], is_corrected=is_corrected)
 
 
 def _silhouette(drawn: FigureData, screen: Floats, *, is_corrected: bool) -> Floats:
-    """(72, 2) outline on a screen whose right and up directions are the rows of (2, 3); (0, 2) without a surface."""
+    """(72, 2) outline on a screen; the rows of (2, 3) `screen` are right and up. (0, 2) without a surface."""
     shown, shape = drawn.shown, drawn.shape
     if shown is None or shape is None:
         return np.empty((0, 2))
@@ -165,7 +165,7 @@ def _silhouette(drawn: FigureData, screen: Floats, *, is_corrected: bool) -> Flo
 
 
 def _shadow(rows: Floats) -> Floats:
-    """(72, 2) outline of A u over all unit vectors u, for A of (2, 3): the circle mapped by the root of A Aᵀ."""
+    """(72, 2) outline of A u over all unit vectors u, for A of (2, 3): the root of A Aᵀ maps the unit circle to it."""
     around = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False)
     values, turns = np.linalg.eigh(rows @ rows.T)
     shadow: Floats = ((turns * np.sqrt(values)) @ np.stack([np.cos(around), np.sin(around)])).T
@@ -191,13 +191,13 @@ def pictures(drawn: FigureData, target_deg: float) -> list[tuple[str, str]]:
 
 
 def _eye() -> Floats:
-    """(3, 3) rows: to the right, up, towards the viewpoint."""
+    """(3, 3) with rows to the right, up, and towards the viewpoint."""
     (ca, sa), (ce, se) = ((math.cos(angle), math.sin(angle)) for angle in (AZIMUTH, ELEVATION))
     return np.array([[-sa, ca, 0.0], [-se * ca, -se * sa, ce], [ce * ca, ce * sa, se]])
 
 
 def _cloud(drawn: FigureData, *, is_corrected: bool) -> str:
-    """Readings from the viewpoint, with the axes of the sensor."""
+    """Readings from the viewpoint of the 3-D view, with the axes of the sensor."""
     panel, ends = cloud(drawn, is_corrected=is_corrected), _ends_of_axes(drawn, is_corrected=is_corrected)
     plot = panel.at(10, 10, SIDE - 20, SIDE - 20)
     name = "after" if is_corrected else "before"
@@ -229,7 +229,7 @@ def cloud(drawn: FigureData, *, is_corrected: bool) -> Panel:
 
 
 def _ends_of_axes(drawn: FigureData, *, is_corrected: bool) -> Floats:
-    """(4, 3) origin of the sensor's axes, and the ends of x, y and z; a distant origin is moved to the edge."""
+    """(4, 3): origin of the sensor's axes, then the ends of x, y and z; a distant origin is moved to the edge."""
     _, low, high = extents(drawn, is_corrected=is_corrected)
     origin = np.clip(np.zeros(3), low, high)
     length = float((high - low).max()) * (0.46 if is_corrected else 0.22)
@@ -246,7 +246,7 @@ def _around(points: Floats) -> tuple[Axis, Axis]:
 
 
 def _triad(ends: Floats) -> str:
-    """Axes with their names, from the first of four positions to the others."""
+    """Axes with their names, from the first of four positions to each of the others."""
     (x0, y0), *tips = ends.tolist()
     parts = []
     for name, (x1, y1) in zip(AXES, tips, strict=True):
@@ -257,7 +257,7 @@ def _triad(ends: Floats) -> str:
 
 
 def ball(view: View, target_deg: float) -> str:
-    """The sphere of tiles from the viewpoint."""
+    """The sphere of directions, coloured by predicted error, from the viewpoint."""
     eye, radius, middle = _eye(), (SIDE - 8) / 2.5, SIDE / 2.0
     plot = Plot(middle - radius, middle - radius, 2 * radius, 2 * radius, Axis(-1.0, 1.0), Axis(-1.0, 1.0))
     polygons = tiles().polygons()
@@ -284,12 +284,12 @@ def ball(view: View, target_deg: float) -> str:
 
 
 def residuals(drawn: FigureData) -> str:
-    """Excess length of each corrected reading over the field, over time; readings left out are crosses."""
+    """Length of each corrected reading minus the field strength, over time; rejected readings are crosses."""
     return stack_panels("Residuals over time", [residuals_over_time(drawn)], wide=WIDTH, high=170.0)
 
 
 def residuals_over_time(drawn: FigureData) -> Panel:
-    """Residuals with the band of two standard deviations; readings left out are crosses."""
+    """Residuals over time with a band of two standard deviations; rejected readings are crosses."""
     assert drawn.view is not None
     noise, when, is_used = drawn.view.noise or 0.0, drawn.when, drawn.is_used
     end = MAX_SIGMAS * noise if noise > 0.0 else float(np.abs(drawn.residuals).max(initial=0.0)) or 1.0
@@ -307,13 +307,13 @@ def residuals_over_time(drawn: FigureData) -> Panel:
 
 
 def _span(drawn: FigureData) -> tuple[tuple[float, float], str]:
-    """First and last position of the readings, and the unit of these numbers."""
+    """First and last position of the readings on the time axis, and its unit."""
     when, words = drawn.when, "seconds" if drawn.clock == "s" else "number of the reading"
     return ((float(when[0]), float(when[-1])) if len(when) > 1 and when[-1] > when[0] else (0.0, 1.0)), words
 
 
 def strength_over_time(drawn: FigureData, limit: float | None) -> Panel:
-    """Length of each corrected reading, with that of the field, and a band for undisturbed readings."""
+    """Length of each corrected reading, with the field strength and a band for undisturbed readings."""
     assert drawn.shown is not None
     field, is_used = drawn.shown.strength, drawn.is_used
     lengths = field + drawn.residuals
@@ -333,14 +333,14 @@ def strength_over_time(drawn: FigureData, limit: float | None) -> Panel:
 
 
 def histogram(view: View, unit: str) -> str:
-    """Histogram of the residuals, with a normal distribution of the same count and noise."""
+    """Histogram of the residuals, with a normal distribution of equal count and standard deviation, as a chart."""
     return stack_panels(
         "Histogram of the residuals", [residual_histogram(view, unit)], wide=378.0, high=170.0, left=46.0
     )
 
 
 def residual_histogram(view: View, unit: str) -> Panel:
-    """Histogram of the residuals, with a normal distribution of the same count and noise."""
+    """Histogram of the residuals, with a normal distribution of equal count and standard deviation, as a panel."""
     assert view.residuals is not None
     edges, counts, noise = view.residuals.edges, view.residuals.counts, view.noise or 0.0
     middles = np.linspace(edges[0], edges[-1], 121)
@@ -355,9 +355,9 @@ def residual_histogram(view: View, unit: str) -> Panel:
 
 
 def offset_over_time(walk: RandomWalk, unit: str, plane: Plane | None = None) -> str:
-    """Offset along each axis over time, relative to the fit, with the band of one standard deviation.
+    """Offset along each axis over time minus that of the fit, with a band of one standard deviation.
 
-    For readings of one plane, only the two axes in it.
+    For readings in one plane, only the two axes in the plane.
     """
     axes = sorted(AXES.index(axis) for axis in plane or AXES)
     half = (walk.time[1] - walk.time[0]) / 2.0 if len(walk.time) > 1 else 0.5
@@ -381,7 +381,7 @@ def _strip(title: str, when: Floats, value: Floats, sigma: Floats, end: float) -
 
 
 def compensation_chart(drawn: FigureData, disturbance: Disturbance) -> str:
-    """Strength of the corrected field over a disturbance: with its effect, and with that removed."""
+    """Length of corrected readings over a disturbance: with the effect of the disturbance, and without it."""
     assert drawn.shown is not None
     driving = drawn.driving[disturbance.name]
     is_shown = drawn.is_used & np.isfinite(driving)
@@ -403,14 +403,14 @@ def compensation_chart(drawn: FigureData, disturbance: Disturbance) -> str:
 
 
 def deviation(view: View, target_deg: float, *, wide: float = WIDTH, high: float = 120.0) -> str:
-    """A level turn: deviation of the raw compass over the heading, and 1 σ and 2 σ of the corrected one."""
+    """Deviation over a level turn: of the raw compass, and 1 σ and 2 σ of the corrected compass, as a chart."""
     return stack_panels(
         "Deviation over the heading, before and after", deviations(view, target_deg), wide=wide, high=high
     )
 
 
 def deviations(view: View, target_deg: float) -> tuple[Panel, Panel]:
-    """Deviation over a level turn: of the raw compass, and expected for the corrected one."""
+    """Deviation over a level turn: of the raw compass, and the expected one of the corrected compass, as panels."""
     assert view.turn is not None
     heading = np.append(view.turn.heading_deg, 360.0)
     before, sigma = (np.append(row, row[0]) for row in (view.turn.before_deg, view.turn.sigma_deg))
@@ -438,7 +438,7 @@ def deviations(view: View, target_deg: float) -> tuple[Panel, Panel]:
 
 
 def _turn(end: float, draw: Callable[[Canvas], list[str]], title: str, kind: str) -> Panel:
-    """A panel of a deviation over the heading."""
+    """A panel with the deviation over the heading."""
     up = Axis(-end, end)
     numbers = label_numbers([-180.0, -90.0, 0.0, 90.0, 180.0], "°") if end == 180.0 else round_ticks(up, 5, "°")
     words = "heading of a level vehicle"
@@ -446,7 +446,7 @@ def _turn(end: float, draw: Callable[[Canvas], list[str]], title: str, kind: str
 
 
 def _runs(angle: Floats) -> list[slice]:
-    """Slices of a series of angles, cut at jumps between −180° and 180°."""
+    """Slices of consecutive angles, cut at jumps between −180° and 180°."""
     cuts = [0, *(np.flatnonzero(np.abs(np.diff(angle)) > 180.0) + 1).tolist(), len(angle)]
     return [slice(first, last) for first, last in itertools.pairwise(cuts)]
 
@@ -455,7 +455,7 @@ def _runs(angle: Floats) -> list[slice]:
 
 
 def correlation(fit: Fit) -> str:
-    """Correlation of the errors of the nine parameters: a square for each pair, with its number in hundredths."""
+    """Correlation of the errors of the nine parameters: a square for each pair, with its value in hundredths."""
     sigma = np.sqrt(np.diag(fit.claim.covariance).clip(min=0.0))
     is_free = sigma > 0.0
     scale = np.where(is_free, sigma, 1.0)
@@ -472,7 +472,7 @@ def correlation(fit: Fit) -> str:
 
 
 def _cell(x: float, y: float, side: float, value: float) -> str:
-    """A square in the colour of a correlation, whose opacity is its size."""
+    """A square for a correlation: its colour shows the sign, its opacity the size."""
     kind, strength = "positive" if value > 0.0 else "negative", 0.0 if math.isnan(value) else abs(value)
     shown = "–" if math.isnan(value) else minus(f"{100.0 * value:.0f}")
     return (

@@ -1,4 +1,4 @@
-"""`fit.plot()`: a figure of a fit for a notebook, without a further package, or the same on axes of matplotlib.
+"""`fit.plot()`: a figure of a fit, for a notebook without further packages, or on axes of matplotlib.
 
 >>> import flinders
 >>> fit = flinders.fit(flinders.simulate.tumble(seed=1).samples)
@@ -9,7 +9,7 @@ Figure(residuals: a notebook shows it, save("residuals.svg") writes it)
 >>> fit.plot("strength", ax=axes) is axes
 True
 
-The readings are those that the fit was made from (`Provenance.recording`); for a loaded fit they must be given.
+The readings are those of the fit (`Provenance.recording`); for a loaded fit they must be given.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ if TYPE_CHECKING:
     from flinders.workflows.recordings import AnyReadings
 
 PANEL_HEIGHT: Final = 190.0
-"""Height of a panel over time."""
+"""Height of a panel whose horizontal axis is time."""
 GAP: Final = 20
 """Gap between figures side by side."""
 LEGEND: Final = "heading error to expect; hatched: no reading"
-"""Words before the colours of a legend."""
+"""Words ahead of the colours in a legend."""
 
 
 def plot(
@@ -66,7 +66,7 @@ def plot(
 
 
 def _with_readings(fit: Fit, recording: AnyReadings | None) -> FigureData:
-    """The fit and its readings, ready to be drawn; given readings, or those that it was made from."""
+    """The fit and its readings, ready to be drawn; the readings are the given ones, else those of the fit."""
     readings = fit.provenance.recording if recording is None else recording_for(recording, fit)
     if readings is None:
         raise NeedsRecording("the readings")
@@ -76,7 +76,7 @@ def _with_readings(fit: Fit, recording: AnyReadings | None) -> FigureData:
 
 
 def _with_surface(fit: Fit, recording: AnyReadings | None) -> FigureData:
-    """The fit and its readings around an ellipsoid; raises `UsageError` without a correction."""
+    """The fit and its readings if they have an ellipsoid; raises `UsageError` for a fit without a correction."""
     drawn = _with_readings(fit, recording)
     if drawn.shown is None:
         raise UsageError("the readings were not corrected: draw the sphere, which shows them as they were recorded")
@@ -84,7 +84,7 @@ def _with_surface(fit: Fit, recording: AnyReadings | None) -> FigureData:
 
 
 def _sphere(fit: Fit, recording: AnyReadings | None) -> str:
-    """Readings before and after, and the predicted error in each direction, side by side."""
+    """Readings before and after correction, and predicted errors by direction, side by side."""
     titled = figures.pictures(_with_readings(fit, recording), fit.claim.target_deg)
     wide = len(titled) * (figures.SIDE + GAP) - GAP
     heads = [
@@ -100,13 +100,13 @@ def _sphere(fit: Fit, recording: AnyReadings | None) -> str:
 
 
 def _cloud(fit: Fit, recording: AnyReadings | None) -> tuple[Panel, ...]:
-    """The corrected readings, seen from the same direction as the sphere."""
+    """Corrected readings from the viewpoint of the sphere."""
     panel = figures.cloud(_with_surface(fit, recording), is_corrected=True)
     return (replace(panel, title="corrected readings"),)
 
 
 def _in_space(axes: Axes, drawn: FigureData) -> Axes:
-    """The corrected readings on three-dimensional axes."""
+    """Corrected readings on three-dimensional axes."""
     x, y, z = thin_out(drawn.corrected[drawn.is_used], MAX_DOTS).T
     axes.scatter(x, y, zs=z, s=3, lw=0, color=CORRECTED)
     axes.set(xlabel=f"x, {drawn.unit}", ylabel=f"y, {drawn.unit}", zlabel=f"z, {drawn.unit}", aspect="equal")
@@ -129,8 +129,8 @@ def _strength(fit: Fit, recording: AnyReadings | None) -> tuple[Panel, ...]:
 
 
 def _deviation(fit: Fit, recording: AnyReadings | None = None) -> tuple[Panel, ...]:
-    """Heading error over the heading, before and after."""
-    del recording  # it follows from the claim
+    """Heading error over the heading, before and after correction."""
+    del recording  # the deviation follows from the claim alone
     refuse_unfit(fit)
     if not fit.claim.states_uncertainty:
         raise UsageError(
@@ -142,15 +142,16 @@ def _deviation(fit: Fit, recording: AnyReadings | None = None) -> tuple[Panel, .
 def _chart_of_panels(
     title: str, high: float, panels: Callable[[Fit, AnyReadings | None], tuple[Panel, ...]]
 ) -> Callable[[Fit, AnyReadings | None], str]:
-    """Function that draws panels of a fit below each other."""
+    """Function that draws the panels of a fit, one below the other."""
     return lambda fit, recording: stack_panels(title, panels(fit, recording), wide=figures.WIDTH, high=high)
 
 
 class FigureKind(NamedTuple):
-    """A figure of a fit and its readings."""
+    """A kind of figure that shows a fit and its readings."""
 
-    chart: Callable[[Fit, AnyReadings | None], str]  #: as SVG for a page
-    panels: Callable[[Fit, AnyReadings | None], tuple[Panel, ...]]  #: its panels; the last one is used for single axes
+    chart: Callable[[Fit, AnyReadings | None], str]  #: draws it as SVG for a page
+    #: makes its panels, of which single axes show the last
+    panels: Callable[[Fit, AnyReadings | None], tuple[Panel, ...]]
 
 
 KINDS: Final[Mapping[str, FigureKind]] = {
@@ -161,4 +162,4 @@ KINDS: Final[Mapping[str, FigureKind]] = {
     ),
     "strength": FigureKind(_chart_of_panels("Strength over time", PANEL_HEIGHT, _strength), _strength),
 }
-"""Figures by name."""
+"""Kinds of figures by name."""

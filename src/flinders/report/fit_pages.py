@@ -1,4 +1,4 @@
-"""Calibrations as pages for the terminal: of a recording, merged, from typed extremes, of several sensors."""
+"""Calibrations as pages for the terminal: from a recording, merged, from typed extremes, of several sensors."""
 
 from __future__ import annotations
 
@@ -55,20 +55,21 @@ MAX_NOISE_SHARE: Final = limit_of("noise", "refuses")
 NO_BETTER_WORDS: Final = "headings are no better with this calibration than without"
 
 COMMON_NOTES: Final = ("scale-unknown", "rotation-unknown")
-"""Notes that apply to any recording, unless the field and the mounting are given."""
+"""Notes on almost any recording: only a known field and a known mounting avoid them."""
 
 
 def page_of_fit(
     fit: Fit, spell: Spelling = python_arguments, *, is_verbose: bool = False, onboard: OnboardCheck | None = None
 ) -> RenderableType:
-    """Lay out a fit: plain words, errors without and with it, its numbers and uncertainty, the verdict and its limits.
+    """Lay out a fit: plain words, heading errors, numbers with uncertainty, the verdict and its limits.
 
-    Errors with the on-board calibration are between these, with advice on replacing it.
+    Heading errors are those without and with the calibration. If the log has an onboard calibration, its heading error
+    is between them, with advice on replacing it.
 
     Notes that apply to nearly every fit are shown only if `is_verbose`. For a refused fit no number of the calibration
-    is shown, as numbers on a screen sooner or later end up in a firmware. The page gives the reasons, the remedy, and
-    unusual facts of the recording. In a merged fit, each calibration is shown against the others. Here and below,
-    `spell` writes the arguments for an advice.
+    is shown, since numbers on a screen sooner or later end up in firmware; the page gives the reasons, the remedy, and
+    unusual facts of the recording. For a merged fit, each calibration is compared with the others. Here and below,
+    `spell` writes the arguments of an advice.
     """
     is_refused = fit.verdict == "refused"
     result = None if is_refused else numbers(fit.calibration, fit.claim.offset_sigma, fit.evidence.noise)
@@ -97,7 +98,7 @@ def page_of_recipe(fit: Fit) -> RenderableType | None:
 
 
 def page_of_refused_recipe(fit: Fit) -> RenderableType:
-    """Lay out the numbers of a recipe whose fit is refused, which are shown only on request."""
+    """Lay out the numbers of a recipe whose fit is refused; they are shown only on request."""
     words = phrase(
         "recipe.refused", "REFUSED, not fit for use: the result of {method}, for comparison only",
         method=fit.evidence.method,
@@ -108,7 +109,7 @@ def page_of_refused_recipe(fit: Fit) -> RenderableType:
 
 
 def page_of_file(fit: Fit, spell: Spelling = python_arguments, *, is_verbose: bool) -> RenderableType:
-    """Lay out a loaded calibration: its origin, its numbers, and its claim."""
+    """Lay out a loaded calibration: origin, numbers and claim."""
     provenance, calibration = fit.provenance.record, fit.calibration
     files = [f"{file.name}, {count(file.rows, 'reading')}" if file.rows else file.name for file in fit.provenance.files]
     readings = phrase("file.in", "in {unit}, axes {axes}", unit=calibration.raw.name, axes=str(calibration.axes))
@@ -133,7 +134,7 @@ def page_of_file(fit: Fit, spell: Spelling = python_arguments, *, is_verbose: bo
 
 
 def page_of_extremes(extremes: Extremes, spell: Spelling = python_arguments) -> RenderableType:
-    """Lay out the calibration from six typed numbers, which has no claim."""
+    """Lay out the calibration from six typed numbers, which claims no uncertainty."""
     said = verdict_line(extremes.verdict, "accuracy unknown, with limits:", "six typed numbers; minmax")
     result = numbers(extremes.calibration, np.full(3, np.nan), math.nan)
     return Group(page(extremes_table(extremes), result, said), findings(extremes.findings, spell))
@@ -144,9 +145,9 @@ def page_of_sensors(
     target_deg: float,
     onboard: Mapping[str, OnboardCheck] | None = None,
 ) -> RenderableType:
-    """Lay out separately calibrated magnetometers of a log: a row each, and the reasons for refusals.
+    """Lay out the separately calibrated magnetometers of a log: a row for each, and the reasons for refusals.
 
-    The last column is for the on-board calibrations by sensor name, if the log contains any.
+    If the log has onboard calibrations, `onboard` by sensor name, they are in the last column.
     """
     name, quality = Column("magnetometer", overflow="fold"), Column("verdict")
     known = onboard or {}
@@ -163,7 +164,7 @@ def page_of_sensors(
 
 
 def page_of_joint_fit(together: MultiFit, target_deg: float, spell: Spelling = python_arguments) -> RenderableType:
-    """Lay out jointly calibrated magnetometers: a row each, and their agreement."""
+    """Lay out jointly calibrated magnetometers: a row for each, and how well they agree."""
     numbered = ("heading\nalone", "\ntogether", f"axes of\n{together.reference}", "\nbut for", "\noff by")
     headings = (
         Column("\n"),
@@ -187,7 +188,7 @@ def page_of_joint_fit(together: MultiFit, target_deg: float, spell: Spelling = p
 
 
 def numbers(calibration: Calibration, offset_sigma: Floats, noise: float) -> Text:
-    """Offset above matrix, in columns x, y and z, aligned at decimal points."""
+    """Offset, and matrix below it, in columns x, y and z that are aligned at decimal points."""
     unit = unit_label(calibration.unit)
     offset, curve = offset_entries(calibration, offset_sigma), curve_entries(calibration)
     shown = ["   ".join(row) for row in align_columns(offset, *matrix_entries(calibration.matrix), *curve.values())]
@@ -207,7 +208,7 @@ def numbers(calibration: Calibration, offset_sigma: Floats, noise: float) -> Tex
 
 
 def findings(findings: Iterable[Finding], spell: Spelling) -> RenderableType:
-    """One line for each finding: its limit, the advice, and its code."""
+    """Lay out one line for each finding: the advice and the code, with a mark for the severity."""
     return notes((finding.severity, advice_of(finding, spell), finding.code) for finding in findings)
 
 
@@ -218,13 +219,13 @@ def lead(fit: Fit) -> Text:
 
 
 def verdict_line(quality: Verdict, words: str | Text, *more: str) -> Table:
-    """The verdict of a calibration, with its meaning and its basis."""
+    """The verdict on a calibration, with its meaning and the numbers that it is based on."""
     language = TERMINAL_LANGUAGE.get()
     return verdict(language.capitals(language.phrase(f"verdict.{quality}", quality)), quality, words, *more)
 
 
 def _change_words(fit: Fit) -> Text | None:
-    """Change since the calibration whose soft iron is used; None for any other fit."""
+    """Words for the change since the calibration whose soft iron is used; None for any other fit."""
     known = fit.evidence.diagnosis.refreshed
     if known is None:
         return None
@@ -242,7 +243,7 @@ def _change_words(fit: Fit) -> Text | None:
 
 
 def _verdict_of_fit(fit: Fit, basis: str, *more: str) -> Table:
-    """The verdict of a calibration: its first sentence, its basis, and further lines."""
+    """The verdict on a calibration: its first sentence, the numbers that it is based on, and further lines."""
     if fit.verdict != "refused" and fit.claim.states_uncertainty:
         language = TERMINAL_LANGUAGE.get()
         dip = language.numeral(f"{fit.claim.known_dip_deg:.3g}")
@@ -264,7 +265,7 @@ def _fit_verdict(fit: Fit) -> Table:
 
 
 def _further_lines(fit: Fit) -> Iterator[str]:
-    """Further lines of a verdict: mounting, conditions, ageing, and whether the calibration is needed."""
+    """Yield further lines of a verdict: mounting, conditions, ageing, and whether a calibration is needed at all."""
     language = TERMINAL_LANGUAGE.get()
     if fit.verdict == "refused":
         return iter((phrase("basis.not-written", "no calibration was written"),))
@@ -277,7 +278,7 @@ def _further_lines(fit: Fit) -> Iterator[str]:
 
 
 def _merged_parts(repeats: Repeats) -> Table:
-    """Each calibration against the others."""
+    """Table of each merged calibration and its difference from the others."""
     names = ("readings", "claims", "off the others", "chance")
     rows = [
         (part.source, f"{part.samples:,}" if part.samples else "", degrees(part.claimed_deg),
@@ -295,7 +296,7 @@ def _merged_verdict(fit: Fit, repeats: Repeats) -> Table:
 
 
 def extremes_table(extremes: Extremes) -> Table:
-    """Six numbers with the offset and the scale of each axis, as shown by a board.
+    """Table of the six numbers, and of offset and scale of each axis, as a board shows them.
 
     >>> from rich.console import Console
     >>> from flinders.fitting.axis_extremes import from_extremes
@@ -319,7 +320,7 @@ def extremes_table(extremes: Extremes) -> Table:
 
 
 def _decimals(extremes: Extremes) -> int:
-    """Decimals for all six numbers, at most six digits in total."""
+    """Number of decimals for all six numbers, such that none has more than six digits."""
     written = [f"{value:.6g}" for value in [*extremes.low.tolist(), *extremes.high.tolist()]]
     return 3 if any("e" in text for text in written) else max(len(text.partition(".")[2]) for text in written)
 
@@ -328,7 +329,7 @@ def _decimals(extremes: Extremes) -> int:
 
 
 def verdict_of(outcome: Fit | FlindersError) -> Verdict:
-    """The verdict of a fit; ``refused`` without one."""
+    """The verdict of a fit; ``refused`` if there is no fit."""
     return outcome.verdict if isinstance(outcome, Fit) else "refused"
 
 
@@ -337,7 +338,7 @@ def _verdict_cell(verdict: Verdict) -> Text:
 
 
 def _sensor_row(name: str, outcome: Fit | FitError) -> tuple[RenderableType, ...]:
-    """Name, readings, share of the sphere, worst heading and verdict of one magnetometer."""
+    """Row of one magnetometer: name, readings, share of the sphere, worst heading error, verdict."""
     fit, quality = fit_of(outcome), verdict_of(outcome)
     error = "" if fit is None or quality == "refused" else degrees(fit.heading_error_deg.worst)
     cells = ("", "") if fit is None else (f"{fit.evidence.samples:,}", f"{fit.evidence.coverage.fraction:.0%}")
@@ -345,14 +346,14 @@ def _sensor_row(name: str, outcome: Fit | FitError) -> tuple[RenderableType, ...
 
 
 def _onboard_cell(onboard: OnboardCheck | None) -> str:
-    """Worst heading error of the on-board calibration, and the advice on it."""
+    """Worst heading error of the onboard calibration, with the advice on it."""
     if onboard is None:
         return ""
     return f"{degrees(onboard.comparison.worst_deg)}: {TITLES[onboard.answer].lower()}"
 
 
 def _why_refused(outcome: Fit | FitError) -> str:
-    """Reason for a refused fit, in a line."""
+    """Reason for a refused fit, in one line."""
     if isinstance(outcome, Fit):
         return ""
     fit = fit_of(outcome)
@@ -363,13 +364,13 @@ def _why_refused(outcome: Fit | FitError) -> str:
 
 
 def _error(outcome: Fit | FlindersError) -> str:
-    """Worst heading error, also of a refused fit, as a measure of its distance from being usable."""
+    """Worst heading error; for a refused fit too, as it shows how far the fit is from usable."""
     fit = fit_of(outcome)
     return "–" if fit is None else degrees(fit.heading_error_deg.worst)
 
 
 def _axes_cells(together: MultiFit, member: Member) -> tuple[str, str, str]:
-    """Axes of a member, its misalignment, and the typical scatter of its readings."""
+    """Cells of one member: its axes, its misalignment, and the typical scatter of its readings."""
     if member.rotation is None:
         return "", "", ""
     off = "" if member.name == together.reference else f"{member.misalignment_deg:.1f}°"
@@ -379,7 +380,7 @@ def _axes_cells(together: MultiFit, member: Member) -> tuple[str, str, str]:
 
 
 def _member_notes(number: int, member: Member, spell: Spelling) -> Iterator[tuple[str, str]]:
-    """Limits of a member: findings by the other members first, then its own most severe one."""
+    """Yield the limits of a member: findings that the other members show, then its own most severe finding."""
     if (fit := fit_of(member.fit)) is None:
         yield "refuses", f"{number} {cast('FlindersError', member.fit).message}"
         return
@@ -389,7 +390,7 @@ def _member_notes(number: int, member: Member, spell: Spelling) -> Iterator[tupl
 
 
 def _agreement_words(together: MultiFit) -> str:
-    """Extent of the comparison between the members."""
+    """Words for the extent of the comparison between the members."""
     over = f"{count_text(together.agreement.instants, 'moment')} common to two or more"
     seconds = f", over {duration_words(together.agreement.seconds)}" if together.agreement.seconds else ""
     axes = "of gyro and accelerometer" if together.in_body else f"of {together.reference}"

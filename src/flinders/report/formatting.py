@@ -1,4 +1,4 @@
-"""Formats of numbers and words in every report: angles, values with uncertainty, matrices, and facts of a fit.
+"""Formats of numbers and words in every report: angles, values with uncertainty, matrices, facts about a fit.
 
 >>> import flinders
 >>> from flinders import simulate
@@ -35,21 +35,21 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit
 
 OFFSET_RESOLUTION: Final = 2e-4
-"""Resolution of an offset relative to the field; rounding to it moves headings by at most a fiftieth of a degree."""
+"""Rounding step of an offset, relative to the field strength; it moves headings by a fiftieth of a degree or less."""
 SOURCES: Final = {name: term.instrument for name, term in TERMS.items()}
-"""Names of the aiding sensors' instruments."""
+"""Name of the instrument behind each aiding sensor."""
 MIN_WITHOUT_EXPONENT: Final = 1e-3
-"""Numbers below this with more decimals than `DECIMALS` are written with an exponent, as in tesla."""
+"""Smallest number that is written without an exponent, if it needs more than `DECIMALS` decimals, as in tesla."""
 MAX_DIGITS: Final = 9
-"""Largest number of digits after the point of such a number."""
+"""Largest number of digits after the point of a number with an exponent."""
 DECIMALS: Final = 6
-"""Largest number of decimals of a number with its uncertainty; also decimals of a matrix with entries around one."""
+"""Largest number of decimals of a number with uncertainty, and of a matrix with entries around one."""
 
 
 def with_uncertainty(value: float, sigma: float, *, finest: float = math.inf) -> str:
-    """Format a number to the second digit of its standard deviation, and at least to a multiple of `finest`.
+    """Write a number to the second digit of its standard deviation, and at least to a multiple of `finest`.
 
-    If errors of several numbers cancel, more digits matter than the individual uncertainties suggest.
+    `finest` is for numbers whose errors cancel: more of their digits matter than the single uncertainties suggest.
 
     >>> with_uncertainty(-17.0318, 15.3, finest=0.01), with_uncertainty(1.2004e-05, 3.9e-08)
     ('-17.03 ± 15', '1.2004e-05 ± 3.9e-08')
@@ -69,7 +69,7 @@ def with_uncertainty(value: float, sigma: float, *, finest: float = math.inf) ->
 
 
 def _with_exponent(value: float, sigma: float, finest: float) -> str:
-    """Format a small number with as many digits as `with_uncertainty`."""
+    """Write a small number with an exponent, with as many digits as in `with_uncertainty`."""
     last = min(math.floor(math.log10(sigma)) - 1, math.floor(math.log10(finest)) if 0.0 < finest < math.inf else 0)
     size = max(abs(value), 10.0 ** (last + 1))
     digits = min(max(math.floor(math.log10(size)) - last, 1), MAX_DIGITS)
@@ -77,7 +77,7 @@ def _with_exponent(value: float, sigma: float, finest: float) -> str:
 
 
 def degrees(angle: float) -> str:
-    """Format an error angle with two digits, limited to 100°.
+    """Write an error angle with two digits, at most 100°.
 
     >>> degrees(0.0664), degrees(12.3), degrees(float("nan"))
     ('0.066°', '12°', '> 100°')
@@ -86,7 +86,7 @@ def degrees(angle: float) -> str:
 
 
 def angle(degrees_off: float) -> str:
-    """Format a difference of angles; rounding errors become zero.
+    """Write a difference of angles; a rounding error is written as zero.
 
     >>> angle(0.0321), angle(-1.234), angle(1e-9)
     ('0.032°', '-1.2°', '0°')
@@ -97,7 +97,7 @@ def angle(degrees_off: float) -> str:
 
 
 def p_value(value: float) -> str:
-    """Format a p-value.
+    """Write a p-value.
 
     >>> p_value(0.4312), p_value(1e-9)
     ('p = 0.43', 'p < 0.0001')
@@ -106,7 +106,7 @@ def p_value(value: float) -> str:
 
 
 def duration_words(seconds: float) -> str:
-    """Format a duration for users.
+    """Write a duration in words.
 
     >>> duration_words(0.5), duration_words(75.0), duration_words(7325.0)
     ('0.50 s', '1 min 15 s', '2 h 2 min 5 s')
@@ -119,7 +119,7 @@ def duration_words(seconds: float) -> str:
 
 
 def date_of(when: datetime) -> str:
-    """Format a date and time for users.
+    """Write a date and time for users.
 
     >>> from datetime import UTC, datetime
     >>> date_of(datetime(2026, 5, 1, 12, 30, tzinfo=UTC))
@@ -129,12 +129,12 @@ def date_of(when: datetime) -> str:
 
 
 def minus(shown: str) -> str:
-    """Replace hyphens by minus signs, which are as wide as a plus."""
+    """Replace hyphens by minus signs, which are as wide as plus signs."""
     return shown.replace("-", "−")
 
 
 def length(value: float, unit: str) -> str:
-    """Format a field with its unit.
+    """Write a field with its unit.
 
     >>> length(49.3021, "µT")
     '49.30 µT'
@@ -143,7 +143,7 @@ def length(value: float, unit: str) -> str:
 
 
 def align_points(numbers: Sequence[str]) -> list[str]:
-    """Pad numbers so that their decimal points are aligned."""
+    """Pad numbers on both sides so that their decimal points are aligned."""
     cut = [(number, _point(number)) for number in numbers]
     before = max(point for _, point in cut)
     after = max(len(number) - point for number, point in cut)
@@ -151,19 +151,19 @@ def align_points(numbers: Sequence[str]) -> list[str]:
 
 
 def _point(number: str) -> int:
-    """Position of the decimal point of a number, explicit or implied."""
+    """Position of the decimal point in a number; behind the last digit if there is none."""
     value = number.partition(" ")[0]
     return value.find(".") if "." in value else len(value)
 
 
 def offset_entries(calibration: Calibration, sigma: Floats) -> list[str]:
-    """Format an offset, each axis with its uncertainty if known."""
+    """Write an offset, each axis with its uncertainty if that is known."""
     finest = OFFSET_RESOLUTION * calibration.field_strength
     return [with_uncertainty(*pair, finest=finest) for pair in zip(calibration.offset.tolist(), sigma, strict=True)]
 
 
 def matrix_entries(matrix: Floats, sigma: Floats | None = None) -> list[list[str]]:
-    """Format a matrix with its uncertainties, or without them to seven digits of the largest entry."""
+    """Write a matrix with its uncertainties; without them to seven digits of the largest entry."""
     if sigma is not None:
         pairs = np.stack([matrix, sigma], axis=2).tolist()
         return [[with_uncertainty(*pair, finest=OFFSET_RESOLUTION) for pair in row] for row in pairs]
@@ -175,7 +175,7 @@ def matrix_entries(matrix: Floats, sigma: Floats | None = None) -> list[list[str
 
 
 def curve_entries(calibration: Calibration) -> dict[str, list[str]]:
-    """Quadratic and cubic terms of each axis in percent of the field, at its radius; empty without linearization.
+    """Quadratic and cubic terms of each axis, in percent of the field at full field; empty without linearization.
 
     >>> from flinders import Calibration
     >>> from flinders.core.linearization import Linearization
@@ -201,13 +201,13 @@ def align_columns(*rows: Sequence[str]) -> list[list[str]]:
 
 
 def uncorrected_error_words(fit: Fit) -> str:
-    """Heading error without the calibration, in words."""
+    """Heading error of uncorrected readings, in words."""
     worst = fit.claim.uncorrected_heading_error_deg.worst
     return "any angle: the compass does not work" if worst > 100 else f"up to {degrees(worst)}"
 
 
 def shown_findings(fit: Fit) -> list[Finding]:
-    """Findings that a page shows: first causes; for a refused fit, notes only on the recording."""
+    """Findings that a page shows: first causes; for a refused fit, of the notes only those on the recording."""
     causes = first_causes(fit.findings)
     if fit.verdict != "refused":
         return list(causes)
@@ -215,7 +215,7 @@ def shown_findings(fit: Fit) -> list[Finding]:
 
 
 def without_repeated_steps(findings: Iterable[Finding], fit: Fit | None = None) -> Iterator[Finding]:
-    """Findings whose repeated next steps refer to the headline, if it is shown, or to an earlier finding."""
+    """Findings in which a repeated next step is replaced by a reference to the headline or to an earlier finding."""
     headline = () if fit is None else first_causes(fit.findings)[:1]
     above = {step for finding in headline for step in _steps(finding).values()}
     for finding in findings:
@@ -226,14 +226,14 @@ def without_repeated_steps(findings: Iterable[Finding], fit: Fit | None = None) 
 
 
 def _steps(finding: Finding) -> dict[str, Any]:
-    """Next steps of a finding, by the names of its values."""
+    """Next step and next movement that a finding advises, if it does; keys are the names of these values."""
     return {name: finding.values[name] for name in ("next_step", "next_movement") if name in finding.values}
 
 
 def mounting(fit: Fit) -> str:
-    """Contribution of the mounting to the heading error, in words; empty if unknown.
+    """Words for the mounting's contribution to the heading error; empty if it is unknown.
 
-    An estimated rotation is observed by an aiding sensor; a stated one is not observed.
+    An estimated mounting is observed with an aiding sensor; a stated one is not observed.
     """
     error = fit.claim.alignment_error_deg
     if error is None:
@@ -256,7 +256,7 @@ def mounting(fit: Fit) -> str:
 
 
 def sources(fit: Fit) -> str:
-    """The aiding sensors that the fit uses."""
+    """Names of the aiding sensors that the fit uses, in words."""
     each = () if fit.evidence.aiding is None else fit.evidence.aiding.sensors
     names = [
         phrase(f"instrument.{SOURCES[aid.name].replace(' ', '-')}", f"the {SOURCES[aid.name]}")
@@ -270,7 +270,7 @@ def sources(fit: Fit) -> str:
 
 
 def with_unit(disturbance: Disturbance) -> str:
-    """A disturbance with its unit, as an axis label.
+    """Name of a disturbance with its unit, as the label of an axis.
 
     >>> from flinders.core.disturbance import Disturbance
     >>> with_unit(Disturbance("current", [0, 0, 0])), with_unit(Disturbance("throttle", [0, 0, 0]))
@@ -280,13 +280,13 @@ def with_unit(disturbance: Disturbance) -> str:
 
 
 def aging(fit: Fit) -> str:
-    """Time for which a fit is good; empty without a claim."""
+    """Words for the time for which a fit is good; empty without a claim."""
     until = good_until(fit)
     return "" if until is None else until.brief_sentence(TERMINAL_LANGUAGE.get())
 
 
 def condition(fit: Fit) -> str:
-    """Assumptions of a verdict with a way to verify them; empty if other evidence covers them.
+    """Assumptions of a verdict with a way to verify them; empty if other evidence confirms them.
 
     >>> from flinders import simulate
     >>> from flinders.fitting.calibrate import fit

@@ -1,4 +1,4 @@
-"""Heading over a log with the on-board and the new calibration, and their difference.
+"""Figures of the heading over a log: with the onboard and the new calibration, and their difference.
 
 >>> import numpy as np
 >>> from flinders.workflows.log_headings import HeadingHistory
@@ -28,12 +28,12 @@ if TYPE_CHECKING:
     from flinders.workflows.log_headings import HeadingHistory
 
 MAX_POINTS: Final = 1500
-"""Largest number of points in a line; a longer log is thinned to every k-th reading."""
+"""Largest number of points in a line; of a longer log, every k-th reading is drawn."""
 GAP_STEPS: Final = 10.0
-"""Gap that breaks a line, in median steps of the clock."""
+"""Gap in time that interrupts a line, in median steps of the clock."""
 STEP_DEG: Final = 15.0
 SECTORS: Final = 24
-"""Step in degrees for the ends of the heading axis, and number of steps in a turn."""
+"""Step in degrees for the ends of the heading axis, and number of such steps in a turn."""
 QUARTERS: Final = {0.0: "N", 90.0: "E", 180.0: "S", 270.0: "W"}
 TILT_WORDS: Final = {
     "attitude": "tilt is removed with roll and pitch of the logged attitude",
@@ -44,13 +44,13 @@ YAW: Final = "The yaw is the autopilot's own estimate, and may depend on this co
 
 
 def headings_over_time(history: HeadingHistory, target_deg: float) -> str:
-    """Headings over time, with both calibrations and the attitude, and their difference below."""
+    """Headings over time with both calibrations and by the attitude; below, the difference of the calibrations."""
     title = "Heading over time by what was on board and by the new calibration, and their difference"
     return stack_panels(title, [_headings(history), _difference(history, target_deg)], wide=WIDTH, high=150.0)
 
 
 def history_words(history: HeadingHistory) -> str:
-    """Caption of the figure: heading, north reference, and removal of tilt."""
+    """Caption of the figure: which heading, from which north, and how tilt was removed."""
     whose = "Heading of the vehicle" if history.is_vehicle else "Heading of the compass's x axis"
     north = history.declination_deg
     from_north = "from magnetic north" if north is None else minus(f"from true north (declination {north:.1f}°)")
@@ -65,7 +65,7 @@ def history_words(history: HeadingHistory) -> str:
 
 
 def stride_of(history: HeadingHistory) -> int:
-    """Stride of the drawn readings."""
+    """Step between drawn readings, in readings."""
     return max(1, -(-len(history.seconds) // MAX_POINTS))
 
 
@@ -74,7 +74,7 @@ def _across(history: HeadingHistory) -> Axis:
 
 
 def _headings(history: HeadingHistory) -> Panel:
-    """Headings with both calibrations, and the yaw of the attitude; the axis starts at the rarest direction."""
+    """Headings with both calibrations, and the yaw of the attitude; the axis starts where headings are rarest."""
     lines = [("curve raw thin", history.old_deg), ("curve corrected thin", history.new_deg)]
     if history.yaw_deg is not None:
         lines.append(("curve yaw thin", history.yaw_deg))
@@ -100,14 +100,14 @@ def _rarest_direction(degrees: Floats) -> float:
 
 
 def _compass(up: Axis) -> list[tuple[float, str]]:
-    """Headings for an axis, with the names of the four quarters."""
+    """Numbers for an axis of headings, with the names of the four quarters."""
     step = 90.0 if up.high - up.low > 180.0 else 45.0 if up.high - up.low > 60.0 else STEP_DEG
     values = np.arange(math.ceil(up.low / step) * step, up.high + 1.0, step).tolist()
     return [(value, f"{QUARTERS.get(value % 360.0, '')} {value % 360.0:03.0f}°".strip()) for value in values]
 
 
 def _difference(history: HeadingHistory, target_deg: float) -> Panel:
-    """Heading with the on-board calibration minus heading with the new one, between lines at ± the target."""
+    """Heading with the onboard calibration minus heading with the new one, between lines at ± the target."""
     difference = history.difference_deg
     largest = float(np.nanmax(np.abs(difference), initial=0.0))
     end = min(round_up(1.1 * max(largest, target_deg)), 180.0)
@@ -121,7 +121,7 @@ def _difference(history: HeadingHistory, target_deg: float) -> Panel:
 
 
 def _line(plot: Canvas, kind: str, history: HeadingHistory, degrees: Floats) -> list[str]:
-    """Line of thinned angles, broken at wraps, at missing values, and in gaps of the log."""
+    """Line of every k-th angle; it is interrupted at wraps, at missing values, and at gaps in the log."""
     stride = stride_of(history)
     seconds, angles = history.seconds[::stride], degrees[::stride]
     known = np.isfinite(angles)

@@ -1,4 +1,4 @@
-"""Headings as a page for the terminal: their accuracy, and the direction of north."""
+"""Headings of a recording as a page for the terminal: their accuracy, and the direction of north."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def page_of_headings(summary: HeadingSummary, spell: Spelling = python_arguments) -> RenderableType:
-    """Lay out a run of headings, with its limits first."""
+    """Lay out the headings of a recording, with their limits first."""
     voyage, compass, site = summary.voyage, summary.compass, summary.site
     how = "from x and y alone, level" if compass.formula == LEVEL else f"tilt-compensated ({compass.formula})"
     known = [
@@ -43,7 +43,7 @@ def page_of_headings(summary: HeadingSummary, spell: Spelling = python_arguments
 
 
 def _reason_of_no_claim(summary: HeadingSummary) -> str:
-    """Reason for a run without an accuracy, whatever the calibration claims; empty otherwise."""
+    """Reason why headings have no stated accuracy, whatever the calibration claims; empty otherwise."""
     voyage = summary.voyage
     if voyage.has_none:
         return "nothing: no reading has a heading"
@@ -87,7 +87,7 @@ def _north(site: SiteField | None, declination_deg: float) -> str:
 
 
 def grid_words(site: SiteField) -> str:
-    """Direction of grid north, and of magnetic north relative to it."""
+    """Words for the direction of grid north, and of magnetic north from grid north."""
     side = "E" if site.grid_declination_deg >= 0.0 else "W"
     return f"{site.grid}; magnetic north {abs(site.grid_declination_deg):.2f}° {side} of grid north"
 

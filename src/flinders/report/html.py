@@ -1,8 +1,8 @@
-"""A fit as one HTML file: the result in words and degrees first, then the evidence.
+"""A fit as one HTML file: the result first, in words and degrees, then the evidence.
 
-The file is self-contained: no server, no network, and only the script of the 3-D view, for which it has still images on
-paper. Text from files, such as names and comments, is escaped; a Content-Security-Policy in the file permits its own
-script only, and no requests. For a refused fit no number is shown that could be copied.
+The file is self-contained: no server, no network, and no script except that of the 3-D view, which is replaced by still
+images on paper. Text from files, such as names and comments, is escaped. A Content-Security-Policy in the file permits
+this script only, and no requests. A report of a refused fit contains no number that could be copied into firmware.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -89,20 +89,20 @@ if TYPE_CHECKING:
     from flinders.workflows.onboard import OnboardCheck
 
 MAX_RESIDUAL_SHARE, MAX_RESIDUAL_NOISES = 0.05, 3.0
-"""Largest rms residual, in fields and in noises of the fit, of readings that belong to a calibration."""
+"""Largest rms residuals with which readings still belong to a calibration: relative to the field, and to the noise."""
 
 OPEN_TARGET: Final = "c"
-"""Target whose listing is first and open."""
+"""Target whose listing comes first and is open."""
 
 
 @dataclass(frozen=True, slots=True)
 class Listing:
-    """Text to copy from a report: a calibration for a program or board."""
+    """Text of a report that can be copied: a calibration for a program or a board."""
 
     title: str
     filename: str
     text: str
-    notes: tuple[str, ...] = ()  # warnings before its use
+    notes: tuple[str, ...] = ()  # warnings to read before it is used
 
 
 @in_english()
@@ -118,14 +118,14 @@ def page(
 ) -> str:
     """Write a fit, or the reason why there is none, as one HTML file.
 
-    Raises `InputError` for a recording that cannot be read.
+    `InputError` is raised for a recording that cannot be read.
 
     Parameters
     ----------
     outcome : Fit or FitError
         The result, or the refusal.
     recording : Recording, optional
-        The fitted readings, as recorded; they are all read into memory. Without them there are no figures.
+        The fitted readings, as recorded; all of them are read into memory. Without them there are no figures.
     provenance : ProvenanceRecord, optional
         Release, date and files; by default the current release, the current time, and no files.
     asked : mapping of str to str, optional
@@ -135,7 +135,7 @@ def page(
     notes : sequence of str
         Further remarks, in sentences.
     onboard : OnboardCheck, optional
-        On-board calibration of the log: headings with it and with the fit are drawn over the log.
+        Onboard calibration of the log. Headings with it and with the fit are then drawn over the log.
     """
     fit = fit_of(outcome)
     usable = None if fit is None or fit.verdict == "refused" else fit
@@ -175,21 +175,21 @@ def page(
 
 
 def _history(recording: Recording | None, fit: Fit | None, onboard: OnboardCheck | None) -> HeadingHistory | None:
-    """Headings over the log with the on-board calibration and with the fit; None without both."""
+    """Headings over the log with the onboard calibration and with the fit; None unless both exist."""
     if recording is None or fit is None or onboard is None:
         return None
     return heading_history(recording, onboard.calibration, fit.calibration)
 
 
 def _over_time(history: HeadingHistory | None, fit: Fit | None) -> dict[str, str]:
-    """The figure of headings over the log."""
+    """The figure of headings over the log, by name; empty without headings."""
     if history is None or fit is None:
         return {}
     return {"headings": headings_over_time(history, fit.claim.target_deg)}
 
 
 def listings_of(fit: Fit) -> list[Listing]:
-    """The calibration for each target that can hold it and has a text file, code first; no mountings."""
+    """The calibration for each target with a text file that can represent it; code first, mountings left out."""
     if fit.verdict == "refused":
         return []
     listings = []
@@ -206,7 +206,7 @@ def listings_of(fit: Fit) -> list[Listing]:
 
 
 def belongs_to(fit: Fit, drawn: FigureData) -> bool:
-    """Whether the lengths of the readings match the calibration; otherwise they may be of another sensor."""
+    """Whether the lengths of the readings fit the calibration. If not, they may be those of another sensor."""
     if not len(drawn.residuals) or not drawn.is_used.any():
         return False
     off = drawn.residuals[drawn.is_used]
@@ -231,7 +231,7 @@ def python_of(calibration: Calibration) -> str:
 
 
 def _outcome(outcome: Fit | FitError, fit: Fit | None) -> dict[str, str]:
-    """Verdict, its title, and its sentence."""
+    """Verdict, title, and first sentence, for the template."""
     if fit is None:
         why = as_sentence(cast("FitError", outcome).message)
         return {"verdict": "refused", "title": "No calibration", "sentence": why}
@@ -241,7 +241,7 @@ def _outcome(outcome: Fit | FitError, fit: Fit | None) -> dict[str, str]:
 
 
 def _findings(fit: Fit) -> list[tuple[Finding, str]]:
-    """Findings with their sentences, the most severe first; the advice is given once, with the cause."""
+    """Findings with their sentences, the most severe first; advice that several share is given once, with the cause."""
     said = [
         (finding, finding.fault if finding.follows_from else finding.advice)
         for finding in without_repeated_steps(fit.findings, fit)
@@ -250,14 +250,14 @@ def _findings(fit: Fit) -> list[tuple[Finding, str]]:
 
 
 def _walk_words(walk: RandomWalk, fit: Fit) -> str:
-    """Stability of the offset in words; with a claim, also the time for which that is good enough."""
+    """Words for the stability of the offset; with a claim, also for how long the stability is good enough."""
     is_claimed = fit.verdict != "refused" and fit.claim.states_uncertainty
     say, dip = walk.words if is_claimed else walk.story, abs(fit.heading_error_deg.dip_deg)
     return as_sentence(say(unit_label(fit.calibration.unit), level_deg=fit.claim.target_deg, dip_deg=dip))
 
 
 def _parameters(fit: Fit) -> list[tuple[str, list[tuple[str, str]]]]:
-    """Rows x, y and z of offset and matrix, each number as value and uncertainty."""
+    """Rows x, y and z with offset and matrix; each number is a value and an uncertainty."""
     sigma = matrix_sigma(fit) if fit.claim.states_uncertainty else None
     matrix = matrix_entries(fit.calibration.matrix, sigma)
     rows = zip("xyz", offset_entries(fit.calibration, fit.claim.offset_sigma), matrix, strict=True)
@@ -265,13 +265,13 @@ def _parameters(fit: Fit) -> list[tuple[str, list[tuple[str, str]]]]:
 
 
 def _split(number: str) -> tuple[str, str]:
-    """Value and uncertainty."""
+    """Value and uncertainty of a written number."""
     value, _, sigma = minus(number).partition(" ± ")
     return value, sigma
 
 
 def disturbance_rows(fit: Fit) -> list[tuple[str, str, list[tuple[str, str]], str]]:
-    """Each disturbance of the offset: name, unit, offset in x, y and z per unit, and words."""
+    """Rows for the disturbances of the offset: name, unit, change in x, y and z per unit, and words."""
     dip = fit.heading_error_deg.dip_deg
     estimates = fit.evidence.disturbances.estimates
     known = {estimate.name: estimate for estimate in estimates if estimate.disturbance is not None}
@@ -289,7 +289,7 @@ def disturbance_rows(fit: Fit) -> list[tuple[str, str, list[tuple[str, str]], st
 
 
 def _disturbance_offsets(fit: Fit, disturbance: Disturbance, place: int) -> list[tuple[str, str]]:
-    """Value and uncertainty of each axis; no uncertainty if unknown."""
+    """Value and uncertainty along each axis; an unknown uncertainty is empty."""
     values = disturbance.per_unit.tolist()
     covariance = fit.evidence.disturbances.covariance
     if covariance is None:
@@ -302,7 +302,7 @@ def _disturbance_offsets(fit: Fit, disturbance: Disturbance, place: int) -> list
 def _disturbance_words(
     disturbance: Disturbance, removed_deg: float, estimate: DisturbanceEstimate | None, *, has_others: bool
 ) -> str:
-    """Range of a disturbance, its effect on headings with and without correction, its reference, lag and gain."""
+    """Words for a disturbance: range, effect on headings with and without correction, reference, lag and gain."""
     amount, left = disturbance.text_of, ""
     if estimate is not None:
         running = " and the other motors run along as they did then" if has_others else ""
@@ -325,7 +325,7 @@ def _disturbance_words(
 
 
 def instrument_rows(aiding: Aiding) -> list[tuple[str, str]]:
-    """Biases and delays of the aiding sensors: name, and number with its uncertainty."""
+    """Rows for biases and delays of the aiding sensors: name, and number with uncertainty."""
     known = (
         ("Dip of the field", aiding.dip_deg, aiding.dip_sigma_deg, 1.0, "°"),
         ("Bias of the gyro, °/s", aiding.gyro_bias, aiding.gyro_bias_sigma, math.degrees(1.0), ""),
@@ -340,16 +340,16 @@ def instrument_rows(aiding: Aiding) -> list[tuple[str, str]]:
 
 
 def _pairs(value: ArrayLike, sigma: ArrayLike | None, factor: float) -> list[tuple[float, float]]:
-    """One number or several in another unit, each with its uncertainty."""
+    """One or several numbers in another unit, each with its uncertainty."""
     pairs = np.broadcast_arrays(np.ravel(value), 0.0 if sigma is None else sigma)
     return [(float(number), float(its)) for number, its in factor * np.transpose(pairs)]
 
 
-# ----------------------------------------------------------------------------------------------------- what is drawn
+# -------------------------------------------------------------------------------------------------------- figures
 
 
 def _figures(drawn: FigureData | None, fit: Fit | None, walk: RandomWalk | None) -> defaultdict[str, Any]:
-    """Figures by name, with numbers and fixed words only; None for figures without data."""
+    """Figures by name, with numbers and fixed words only; a figure without data is None."""
     drawings: defaultdict[str, Any] = defaultdict(lambda: None)
     if drawn is None or not len(drawn.raw):
         return drawings
@@ -376,7 +376,7 @@ def _figures(drawn: FigureData | None, fit: Fit | None, walk: RandomWalk | None)
 
 
 def _data(drawn: FigureData, view: View, fit: Fit | None) -> str:
-    """Data of the 3-D view as JSON for a page, without any ``<``."""
+    """Data of the 3-D view as JSON for a page, without the character ``<``."""
     content = msgspec.structs.asdict(view) | {
         "tiles": tiles_view(),
         "field": base64.b64encode(drawn.raw.astype("<f4").tobytes()).decode(),
@@ -387,7 +387,7 @@ def _data(drawn: FigureData, view: View, fit: Fit | None) -> str:
 
 
 def _script(*, has_view: bool) -> tuple[str, bool]:
-    """The script, and whether it includes the 3-D view."""
+    """The script of the page, and whether it includes the 3-D view."""
     if has_view:
         try:
             return f"\n{join_modules()}\n", True
@@ -406,4 +406,4 @@ FILTERS: Final = {
     "instruments": instrument_rows, "label": unit_label, "strength": length, "date": date_of, "minus": minus,
     "sources": sources, "dip_words": dip_words, "duration": duration_text,
 }  # fmt: skip
-"""Formats of numbers in the page."""
+"""Formats of numbers in the template."""

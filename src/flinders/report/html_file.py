@@ -1,6 +1,6 @@
-r"""A report as one HTML file: template, style sheet and script, with a policy that permits nothing else.
+r"""A report as one HTML file: template, style sheet, script, and a security policy that permits nothing else.
 
-Text from files, such as names and comments, is escaped; the policy of the page contains the hash of its script.
+Text from files, such as names and comments, is escaped. The policy in the page contains the hash of the page's script.
 
 >>> style_of().strip()[:25]
 ':root { --paper: #f4f6f8;'
@@ -26,16 +26,16 @@ SHEETS: Final = ("static/figure.css", "static/report.css")
 
 
 def html_file(template: str, given: Mapping[str, Any], *, style: str, script: str, filters: Mapping[str, Any]) -> str:
-    """Fill in a template that is a page.
+    """Fill in a template that is a whole page.
 
-    `style` and `script` are the only ones that the page may use; `filters` format its numbers.
+    The page may use `style` and `script`, and no others; `filters` format its numbers.
     """
     hashes = {"style_hash": _hash(style), "script_hash": _hash(script)}
     return fill_template(template, {**given, "style": style, "script": script, **hashes}, filters) + "\n"
 
 
 def fill_template(template: str, given: Mapping[str, Any], filters: Mapping[str, Callable[..., Any]]) -> str:
-    """Fill in a template; text in HTML is escaped.
+    """Fill in a template; text is escaped for HTML.
 
     The template is one of `flinders.report`, or a path in `flinders` such as ``apps/fleet/fleet.html.j2``.
     """
@@ -44,7 +44,7 @@ def fill_template(template: str, given: Mapping[str, Any], filters: Mapping[str,
 
 @cache
 def _compile_template(template: str, *filters: tuple[str, Callable[..., Any]]) -> jinja2.Template:
-    """A template with its filters, cached as compiling takes longer than filling in."""
+    """A template with its filters. It is cached, as compiling takes longer than filling in."""
     import jinja2
 
     environment = jinja2.Environment(
@@ -59,9 +59,9 @@ def _compile_template(template: str, *filters: tuple[str, Callable[..., Any]]) -
 
 
 def style_of(*sheets: str) -> str:
-    """Style sheets after those of every report, with the colours of both themes; paper is always light.
+    """Style sheets in addition to those of every report, with the colours of both themes; paper is always light.
 
-    Sheets are named by their paths in `flinders`.
+    Sheets are named by their paths in the package `flinders`.
     """
     light, dark = variables("light"), variables("dark")
     rules = "\n".join(asset(sheet) for sheet in (*SHEETS, *sheets))

@@ -1,4 +1,4 @@
-"""Maps of all directions of the field: predicted errors and readings, in tiles on two hemispheres or a sphere.
+"""Maps of all directions of the field with predicted errors or readings, on two hemispheres or on a sphere.
 
 >>> [words for _, words in error_legend(1.0)]
 ['0.5° or less', '1°', '2°', '5° or more', 'not known']
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def hatch_pattern(name: str) -> str:
-    """Hatching for directions without readings."""
+    """Hatching pattern for directions without readings."""
     return (
         f'<defs><pattern id="{name}" width="6" height="6" patternUnits="userSpaceOnUse" '
         'patternTransform="rotate(45)"><path class="hatch" d="M0 0V6"/></pattern></defs>'
@@ -32,7 +32,7 @@ def hatch_pattern(name: str) -> str:
 
 
 def tile_paths(plot: Canvas, classes: Sequence[str], rings: Mapping[int, Floats]) -> list[str]:
-    """Tiles as one path per class."""
+    """Tiles as one path for each class."""
     sorted_rings: dict[str, list[Floats]] = {}
     for tile, ring in rings.items():
         sorted_rings.setdefault(classes[tile], []).append(ring)
@@ -40,7 +40,7 @@ def tile_paths(plot: Canvas, classes: Sequence[str], rings: Mapping[int, Floats]
 
 
 def error_tiles(plot: Plot, view: View, target_deg: float, rings: Mapping[int, Floats], hatch: str) -> list[str]:
-    """Tiles in the colours of their errors; those without a reading are also hatched."""
+    """Tiles in the colours of their predicted errors; tiles without a reading are hatched too."""
     unseen = "".join(
         outline_of(plot.places(*ring.T), is_closed=True) for tile, ring in rings.items() if not view.tiles_seen[tile]
     )
@@ -54,11 +54,11 @@ LETTER: Final = 6.0
 """Width of a letter of a legend."""
 MIDDLE: Final = MAP_HIGH / 2.0 + 4.0
 HEMISPHERE_AXIS: Final = Axis(-math.sqrt(2.0), math.sqrt(2.0))
-"""Ends of both axes of a hemisphere in Lambert's azimuthal projection, which keeps areas."""
+"""Ends of both axes of a hemisphere in Lambert's azimuthal equal-area projection."""
 
 
 def error_map(view: View, target_deg: float) -> str:
-    """Predicted error of all directions: two hemispheres, hatched without a reading."""
+    """Predicted error in all directions on two hemispheres; directions without a reading are hatched."""
     insides = [error_tiles(plot, view, target_deg, hemisphere(up), "hatch-map") for plot, up in _discs()]
     parts = [hatch_pattern("hatch-map"), *_framed_discs("error", insides)]
     if view.guidance is not None and view.guidance.direction is not None:
@@ -70,7 +70,7 @@ def error_map(view: View, target_deg: float) -> str:
 
 
 def path_map(view: View, target_deg: float, path: Floats) -> str:
-    """Predicted error of all directions, with those that a motion meets: (N, 3) directions of the field as dots."""
+    """Predicted error in all directions, with dots for the (N, 3) directions of the field that a motion meets."""
     insides = [
         [
             *error_tiles(plot, view, target_deg, hemisphere(up), "hatch-path"),
@@ -83,7 +83,7 @@ def path_map(view: View, target_deg: float, path: Floats) -> str:
 
 
 def coverage_map(view: View) -> str:
-    """Readings in each direction, on the same map."""
+    """Number of readings in each direction, on the same map."""
     insides = [tile_paths(plot, seen_classes(view), hemisphere(up)) for plot, up in _discs()]
     title = "Map of the readings over all directions of the field"
     return chart(MAP_WIDE, MAP_HIGH, title, *_framed_discs("seen", insides))
@@ -95,7 +95,7 @@ def error_classes(view: View, target_deg: float) -> list[str]:
 
 
 def seen_classes(view: View) -> list[str]:
-    """Class of each tile by its readings."""
+    """Class of each tile by its number of readings."""
     ends = _seen_ends(view)
     return [f"s{seen_level(count, ends)}" for count in view.tiles_seen]
 
@@ -108,7 +108,7 @@ def _discs() -> list[tuple[Plot, float]]:
 
 
 def _framed_discs(name: str, insides: Sequence[Sequence[str]]) -> list[str]:
-    """Both hemispheres, each with its edge, the directions of x and y, and its pole."""
+    """Both hemispheres, each with its edge, its pole, and the directions of x and y."""
     parts = []
     for place, (x, sides, inside) in enumerate(zip(MIDDLES, ("+z +y −y", "−z −y +y"), insides, strict=True)):
         pole, above, below = sides.split()
@@ -127,38 +127,38 @@ def _framed_discs(name: str, insides: Sequence[Sequence[str]]) -> list[str]:
 
 
 def hemisphere(up: float) -> dict[int, Floats]:
-    """Corners of the tiles in or partly in a hemisphere, on a disc of radius √2, by tile."""
+    """Corners of the tiles that are at least partly in a hemisphere, on a disc of radius √2, by tile."""
     polygons = tiles().polygons()
     return {tile: _lambert(polygons[tile], up) for tile in np.flatnonzero(up * tiles().centres[:, 2] > -0.12).tolist()}
 
 
 def _lambert(directions: Floats, up: float) -> Floats:
-    """(k, 2) of (k, 3) unit vectors: √(2/(1 + z)) (x, y), seen from outside: y is up for z, down for −z."""
+    """(k, 2) positions √(2/(1 + z)) (x, y) of (k, 3) unit vectors, seen from outside: y is up for +z, down for −z."""
     x, y, z = directions.T
     scale = np.sqrt(2.0 / (1.0 + up * z).clip(min=0.05))
     return np.stack([scale * x, up * scale * y], axis=1)
 
 
 def tile_rules() -> str:
-    """Colours of the error classes, light and dark, for a drawing as a separate file."""
+    """Colours of the error classes, light and dark, for a drawing in a separate file."""
     light, dark = map(_tile_colours, get_args(Theme))
     return f"{light} @media (prefers-color-scheme: dark) {{ {dark} }}"
 
 
 def page_tile_rules() -> str:
-    """Colours of the classes of errors and of readings, for a page, which has them as variables."""
+    """Colours of the error classes and of the classes of readings, for a page that has them as variables."""
     classes = [*(f"e{step}" for step in range(STEPS)), "unknown", *(f"s{level}" for level in range(5))]
     return "\n".join(f".{name} {{ fill: var(--{name}); }}" for name in classes)
 
 
 def _tile_colours(theme: Theme) -> str:
-    """Colours of the classes of errors in one theme."""
+    """Colours of the error classes in one theme."""
     classes = (*(f"e{step}" for step in range(STEPS)), "unknown")
     return " ".join(f".{name} {{ fill: {colour_of(name, theme)} }}" for name in classes)
 
 
 def error_legend(target_deg: float) -> list[tuple[str, str]]:
-    """Class and words of each mark."""
+    """Class and words of each mark in the legend of predicted errors."""
     words = [f"{ratio * target_deg:.3g}°" for ratio in LEGEND]
     words = [f"{words[0]} or less", *words[1:-1], f"{words[-1]} or more"]
     marks = [(class_of(ratio * target_deg, target_deg), shown) for ratio, shown in zip(LEGEND, words, strict=True)]
@@ -166,7 +166,7 @@ def error_legend(target_deg: float) -> list[tuple[str, str]]:
 
 
 def legend_row(right: float, y: float, target_deg: float, words: str) -> str:
-    """Colours of the predicted error, with the angle that each stands for, in a row that ends at the right."""
+    """Legend of predicted errors in a row that ends at `right`: colours, each with its angle."""
     marks, x, parts = error_legend(target_deg), right, []
     for kind, shown in reversed(marks):
         x -= 30.0 + LETTER * len(shown)

@@ -43,7 +43,7 @@ STYLES: Final[dict[str, dict[str, Any]]] = {
 
 @dataclass(frozen=True, slots=True)
 class AxesCanvas:
-    """Axes of matplotlib with the methods of a `flinders.report.charts.Plot`, which return no text."""
+    """Axes of matplotlib with the methods of `flinders.report.charts.Plot`; the methods return no text."""
 
     axes: Axes
 
@@ -78,12 +78,12 @@ class AxesCanvas:
         return ""
 
     def arm(self, x: float, y: float) -> str:
-        """Hard iron: a line from zero to the centre, and a dot there."""
+        """Hard iron as a line from zero to the centre of the readings, with a dot there."""
         self.axes.plot([0.0, x], [0.0, y], color=INK, lw=0.9, marker="o", ms=3, markevery=[1])
         return ""
 
     def bars(self, kind: str, edges: ArrayLike, counts: Iterable[float]) -> str:  # noqa: ARG002 - all alike
-        """A bar for each class."""
+        """A bar for each class of a histogram."""
         self.axes.stairs(list(counts), edges, fill=True, color=CORRECTED, alpha=0.7)
         return ""
 
@@ -94,7 +94,7 @@ class AxesCanvas:
 
 
 def draw_panel(axes: Axes, panel: Panel) -> None:
-    """Draw a panel: marks, ends of the axes, and words."""
+    """Draw a panel: its marks, the ends of its axes, and its words."""
     panel.draw(AxesCanvas(axes))
     axes.set(xlim=(panel.x.low, panel.x.high), ylim=(panel.y.low, panel.y.high))
     axes.set(xlabel=panel.x_words, ylabel=panel.y_words, title=panel.title)

@@ -1,12 +1,12 @@
 r"""Modules of the page as one script for a self-contained file: no server, no second file, no request.
 
-A page that is opened from a disk cannot import modules, so they are joined when a report is written: each becomes a
-function that is called once and returns its exports. Our modules use the two plainest forms of import and export, and
-`join_modules` refuses any other. Pages use a bundle instead, a third as large, which esbuild makes when Flinders is
-installed (``hatch_build.py``); while modules are being edited they are joined as well.
+A page that is opened from a disk cannot import modules, so its modules are joined when a report is written: each
+becomes a function that is called once and returns its exports. Our modules use the two plainest forms of import and
+export; `join_modules` refuses any other form. Normally a bundle is used instead, which is a third as large; esbuild
+makes it when Flinders is installed (``hatch_build.py``). While modules are being edited, they are joined.
 
-Files are named by their paths in `flinders`: ``static/report.js`` belongs to the library, ``apps/live/static/live.js``
-to a package for one trade.
+Files are named by their paths in the package `flinders`: ``static/report.js`` belongs to the library,
+``apps/live/static/live.js`` to an app.
 
 >>> bundle_of("apps/live/static/standalone/main.js")
 'apps/live/static/bundled/main.js'
@@ -33,11 +33,11 @@ from typing import Final
 
 PACKAGE: Final = Path(__file__).resolve().parent.parent
 BUNDLE_FOLDER: Final = "bundled"
-"""Folder for bundles in a ``static`` folder."""
+"""Folder for bundles inside a ``static`` folder."""
 
 
 def headline(package: Path = PACKAGE) -> str:
-    """The first line of a bundle: a hash of the modules that it was made from."""
+    """The first line of a bundle: a hash of the modules in it."""
     digest = hashlib.sha256()
     for path in sorted([*package.glob("static/**/*.js"), *package.glob("apps/*/static/**/*.js")]):
         if path.parent.name != BUNDLE_FOLDER:
@@ -49,14 +49,14 @@ _headline = cache(headline)
 
 
 def bundle_of(entry: str) -> str:
-    """Path of the bundle of a module: in the module's static folder."""
+    """Path of the bundle for a module, in the static folder of that module."""
     folder, static, module = entry.rpartition("static/")
     return f"{folder}{static}{BUNDLE_FOLDER}/{posixpath.basename(module)}"
 
 
 @cache
 def script(entry: str, *, exported: tuple[str, ...] = ()) -> str:
-    """A module with all its imports as one script: its bundle if that is current; else joined."""
+    """A module with all its imports as one script: its bundle, if that is up to date, else joined modules."""
     with contextlib.suppress(FileNotFoundError):
         text = asset(bundle_of(entry))
         if text.startswith(_headline()):
@@ -67,16 +67,16 @@ def script(entry: str, *, exported: tuple[str, ...] = ()) -> str:
 IMPORT: Final = re.compile(r'^import\s*\{([^}]*)\}\s*from\s*"([^"]+)";', re.MULTILINE)
 EXPORT: Final = re.compile(r"^export (?=(?:async )?(?:function\*?|class|const) (\w+))", re.MULTILINE)
 EXPORT_LIST: Final = re.compile(r"\bexport\s*\{([^{}]*)\};?\s*\Z")
-"""The list of exports at the end of a bundle of esbuild."""
+"""The list of exports at the end of a bundle that esbuild has made."""
 OTHER_FORM: Final = re.compile(r"^(?:import|export)\b|^\s*export\s*(?:\{|default\b)", re.MULTILINE)
 WAITS: Final = re.compile(r"^(?:if \(.*\) )?await ", re.MULTILINE)
-"""A module that waits at its top level."""
+"""A line that waits at the top level of a module."""
 UNSAFE_TEXT: Final = re.compile(r"</script|<!--", re.IGNORECASE)
-"""Text that would end, or change the meaning of, a script inside a page."""
+"""Text that would end a script inside a page, or change its meaning."""
 
 
 class NotJoined(Exception):
-    """A module has a form that cannot be joined; this is a mistake in Flinders, which a test finds."""
+    """A module with a form of import or export that cannot be joined: a mistake in Flinders, which a test finds."""
 
 
 @cache
@@ -85,8 +85,8 @@ def join_modules(entry: str = "static/report.js", *, exported: tuple[str, ...] =
 
     The script exports the names in `exported`, so that a page can import them.
 
-    Raises `FileNotFoundError` for a missing module, such as ``vendor/three.js`` if Flinders was installed without the
-    3-D view; `NotJoined` for a module with another form of import or export.
+    Raises `NotJoined` for a module with another form of import or export, and `FileNotFoundError` for a missing module,
+    such as ``vendor/three.js`` if Flinders was installed without the 3-D view.
     """
     names: dict[str, str] = {}
     parts: list[str] = []
@@ -99,7 +99,7 @@ def join_modules(entry: str = "static/report.js", *, exported: tuple[str, ...] =
 def asset(path: str) -> str:
     """The text of a file of `flinders`.
 
-    Raises `FileNotFoundError`.
+    Raises `FileNotFoundError` if it is missing.
     """
     return files("flinders").joinpath(*path.split("/")).read_text(encoding="utf-8")
 
@@ -122,7 +122,7 @@ def _join(path: str, names: dict[str, str], parts: list[str]) -> None:
 def _wrap_module(name: str, text: str, inside: dict[str, str]) -> str:
     """A module as a function that is called at once.
 
-    Raises `NotJoined`.
+    Raises `NotJoined` for another form of import or export.
     """
     exported = [f"{match[1]}" for match in EXPORT.finditer(text)]
     body = IMPORT.sub(lambda match: f"const {{{match[1].replace(' as ', ': ')}}} = {inside[match[2]]};", text)

@@ -1,4 +1,4 @@
-"""A fit in a notebook: its words and numbers, the predicted error over the sphere, and the deviation.
+"""A fit in a notebook: words and numbers, the predicted error over the sphere, and the deviation.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit
 
 TURN_WIDTH, TURN_HEIGHT = 500.0, 292.0
-"""Width and height of the deviation next to the sphere."""
+"""Width and height of the figure of the deviation, which is next to the sphere."""
 
 
 def html_of(fit: Fit) -> str:
-    """HTML of a fit for a notebook; for a refused fit without numbers of the calibration."""
+    """HTML of a fit for a notebook; that of a refused fit contains no numbers of the calibration."""
     is_described = fit.evidence.is_described
     title = f"{SEVERITY_SIGNS[fit.verdict]} {fit.verdict}: "
     title += (
@@ -59,7 +59,7 @@ def html_of(fit: Fit) -> str:
 
 
 def _pictures(fit: Fit) -> str:
-    """Sphere and deviation of a fit with a stated uncertainty, as an image that includes its styles."""
+    """Sphere and deviation of a fit with a stated uncertainty, as one image with its own styles."""
     view, target = view_alone(fit), fit.claim.target_deg
     sphere, turn = figures.ball(view, target), figures.deviation(view, target, wide=TURN_WIDTH, high=96.0)
     both = ((sphere, figures.SIDE, figures.SIDE), (turn, TURN_WIDTH, TURN_HEIGHT))

@@ -1,4 +1,4 @@
-"""Heading errors of a compass uncorrected, with the on-board and with a new calibration; and advice on replacing it.
+"""Heading errors without calibration, with the onboard one and with a new one; and advice on replacing the onboard one.
 
 >>> from dataclasses import replace
 >>> from rich.console import Console
@@ -47,14 +47,14 @@ if TYPE_CHECKING:
 
 TITLES: Final = {"holds": "KEEP", "fails": "CHANGE", "cannot-tell": "CANNOT TELL"}
 COLOURS: Final = {"holds": "good", "fails": "refused", "cannot-tell": "limited"}
-"""Titles of the advice on the on-board calibration, and their colours."""
+"""Titles of the advice on the onboard calibration, and below that their colours."""
 
 
 def errors_table(fit: Fit, onboard: OnboardCheck | None = None) -> Table:
-    """Strength and heading errors: uncorrected, with the on-board calibration if known, and with the fit.
+    """Table of field strength and heading errors: uncorrected, with the onboard calibration if known, and with the fit.
 
-    The first two heading errors are found by the fit, that of the new calibration is its claim, 1 σ. With an on-board
-    calibration there is also a column of 95 % bounds.
+    The fit determines the heading errors of the first two; that of the new calibration is its claim, 1 σ. With an
+    onboard calibration the table has a column of 95 % bounds too.
     """
     ellipsoid, claim = fit.calibration.ellipsoid, fit.claim
     strength, spread = fit.evidence.coverage.raw_strength(ellipsoid)
@@ -91,9 +91,9 @@ def _cells(
 
 
 def page_of_onboard(onboard: OnboardCheck, *, is_limited: bool) -> RenderableType:
-    """State whether the on-board calibration should be replaced, and name it.
+    """Say whether the onboard calibration should be replaced, and name it.
 
-    `is_limited`: the fit has limits, which are listed below.
+    `is_limited` says that the fit has limits, which are listed below.
     """
     words = onboard_words(onboard, is_limited=is_limited)
     source = onboard.words or phrase("onboard.recorded", "from the recording")
@@ -108,7 +108,7 @@ def onboard_title(answer: Answer) -> str:
 
 
 def onboard_words(onboard: OnboardCheck, *, is_limited: bool = True) -> str:
-    """Advice on replacing the on-board calibration, in words; `is_limited` as for `page_of_onboard`."""
+    """Advice on replacing the onboard calibration, in words; `is_limited` is that of `page_of_onboard`."""
     comparison = onboard.comparison
     worst, target = up_to(comparison.worst_deg), f"{general(comparison.target_deg)}°"
     if onboard.answer == "holds":
@@ -143,7 +143,7 @@ def _remedy(is_limited: bool) -> str:
 
 
 def _remarks(onboard: OnboardCheck) -> Iterator[str]:
-    """Further remarks on the on-board calibration."""
+    """Yield further remarks on the onboard calibration."""
     if onboard.changes:
         yield phrase(
             "onboard.changed", "it changed {count} in the log: the last one is judged",

@@ -1,4 +1,4 @@
-"""A page of HTML as PDF, printed by an installed browser."""
+"""A page of HTML as PDF, printed by a browser that is installed on this computer."""
 
 from __future__ import annotations
 
@@ -63,6 +63,6 @@ def print_pdf(page: str, program: str) -> bytes:
 
 
 def _without_sandbox() -> list[str]:
-    """Options for root, for whom these browsers do not start with a sandbox; the page contains no foreign code."""
+    """Options for root, since these browsers start no sandbox for root; the page contains only our own code."""
     is_root = sys.platform != "win32" and os.geteuid() == 0
     return ["--no-sandbox"] if is_root else []

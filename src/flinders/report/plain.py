@@ -1,8 +1,8 @@
-r"""A fit as a page in plain words for the user of the compass: text for any e-mail.
+r"""A fit as a page in plain words for the user of the compass, as text for any e-mail.
 
-It states the quality of the calibration, the heading errors before and after, the attitudes for which these hold,
-unknown and faulty parts with reasons, the next steps, and the numbers to copy. For a refusal it states the reasons and
-the movement, and no numbers. The words are in ``templates/plain.txt.j2``.
+The page states how good the calibration is, the heading errors before and after, and the attitudes for which these
+hold. It also states what is unknown or faulty and why, the next steps, and the numbers to copy. For a refused fit it
+states the reasons and the movement, and no numbers. The words are in ``templates/plain.txt.j2``.
 
 >>> print(_paragraph("It is\n short."), _item("One."), sep="")
 It is short.
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from flinders.errors import FitError, FlindersError
 
 WIDTH: Final = 78
-"""Columns: two less than the terminal's 80, so that an e-mail can be quoted."""
+"""Line width in characters: two less than the terminal's 80, so that an e-mail can be quoted."""
 
 MAX_RUNS: Final = 8
 """Largest number of outlier runs in the list."""
@@ -71,7 +71,7 @@ def page(outcome: Fit | FitError, provenance: ProvenanceRecord) -> str:
 
 
 def _of_fit(fit: Fit) -> dict[str, Any]:
-    """Numbers to copy, and values for the words on heading and attitudes."""
+    """Numbers to copy, and values for the words about heading and attitudes."""
     offsets = align_points(offset_entries(fit.calibration, fit.claim.offset_sigma))
     rows = align_columns(*matrix_entries(fit.calibration.matrix))
     is_whole = bool(fit.claim.plane) or fit.evidence.coverage.hole_deg <= limit_of("coverage")
@@ -90,20 +90,20 @@ def _of_fit(fit: Fit) -> dict[str, Any]:
 
 
 def _of_findings(fit: Fit) -> tuple[list[str], list[str]]:
-    """Limits of a fit, and the remedies without duplicates."""
+    """Limits of a fit, and the remedies, each just once."""
     said = shown_findings(fit)
     remedies = dict.fromkeys(finding.remedy for finding in said)
     return [finding.plain_words for finding in said], [what for what in remedies if what]
 
 
 def _of_no_fit(error: FitError) -> tuple[list[str], list[str]]:
-    """Reason why there is no fit, and the remedy."""
+    """Reasons why there is no fit, and remedies."""
     words, what = error_words(error)
     return [words], [what] if what else []
 
 
 def error_words(error: FlindersError) -> tuple[str, str]:
-    """Reason and remedy of an error in plain words; for an unknown error, its own message and no remedy."""
+    """Reason and remedy of an error in plain words; for an error that has none, its message and no remedy."""
     refusal = REFUSALS.get(error.code)
     if refusal is None or not refusal.plain:
         return error.message, ""
@@ -111,7 +111,7 @@ def error_words(error: FlindersError) -> tuple[str, str]:
 
 
 def _read(outcome: Fit | FitError, fit: Fit | None, provenance: ProvenanceRecord) -> list[str]:
-    """The recordings, and the readings that were left out."""
+    """Lines about the recordings, and about the readings that were left out."""
     items = [f"{file.name}: {count_text(file.rows, 'reading')}." for file in provenance.files]
     if fit and fit.evidence.outliers:
         runs = [str(outlier) for outlier in fit.evidence.outliers]
@@ -123,7 +123,7 @@ def _read(outcome: Fit | FitError, fit: Fit | None, provenance: ProvenanceRecord
 
 
 def _paragraph(text: str, first: str = "", other: str = "") -> str:
-    """Break text into lines, with indents for the first and the other lines."""
+    """Break text into lines, with one indent for the first line and another for the others."""
     wrapper = textwrap.TextWrapper(WIDTH, first, other, break_long_words=False, break_on_hyphens=False)
     return f"{wrapper.fill(' '.join(text.split()))}\n"
 

@@ -1,7 +1,7 @@
-"""A planned recording as a drawing and as an HTML file: the path of the field on the sphere of directions.
+"""A planned recording as a drawing and as an HTML file: the path of the field over the sphere of directions.
 
-The sphere is coloured by the heading error to expect in each direction; dots are the directions that the motion meets,
-and hatching marks those without a reading.
+Colours show the expected heading error in each direction. Dots are the directions that the motion meets; directions
+without a reading are hatched.
 
 >>> from flinders.workflows.planning import plan
 >>> planned = plan("robot", noise="0.5 uT", alternatives=False)
@@ -32,12 +32,12 @@ if TYPE_CHECKING:
     from flinders.workflows.planning import Plan
 
 MAX_DOTS: Final = 800
-"""Largest count of dots of the path."""
+"""Largest number of dots of the path."""
 
 
 @in_english()
 def drawing_of(plan: Plan) -> str:
-    """The path on the sphere of directions, as an SVG file."""
+    """The path over the sphere of directions, as an SVG file."""
     title = (
         f"{plan.body.name}: {duration_text(plan.seconds)}, {degrees(plan.expected.fit.claim.heading_error_deg.worst)}"
     )

@@ -1,4 +1,4 @@
-"""A planned recording as a page for the terminal: instructions, the error to expect, and the gain of more time or tilt.
+"""A planned recording as a page for the terminal: instructions, expected error, and the gain of more time or tilt.
 
 >>> from flinders.workflows.planning import plan
 >>> robot = plan("robot", noise="0.5 uT", alternatives=False)
@@ -34,13 +34,13 @@ if TYPE_CHECKING:
     from flinders.workflows.planning import Alternative, Plan
 
 AIDS: Final = {"dip": "accelerometer", "rate": "gyro"}
-"""Words for aiding sensors."""
+"""Words for aiding sensors, by name."""
 
 SMALL_TILT_DEG: Final = 1.0
-"""Degrees of tilt below which headings are within the target only while the body is level."""
+"""Tilt in degrees: if headings are within the target only below it, they count as good for a level body only."""
 
 HIGH_RATIO: Final = 1.5
-"""High claim over the one to expect from which on the high one is mentioned."""
+"""Ratio of the high claim to the expected claim from which the high claim is mentioned."""
 
 
 def of_plan(plan: Plan, commands: Sequence[str]) -> RenderableType:
@@ -56,7 +56,7 @@ def of_plan(plan: Plan, commands: Sequence[str]) -> RenderableType:
 
 
 def plan_facts(plan: Plan) -> list[tuple[str, str]]:
-    """Names and values of the facts that a plan is made from."""
+    """Names and values of the facts on which a plan is based."""
     recording = plan.recording
     sensors = "".join(f", {_aid(aid)}" for aid in recording.aiding)
     body = f"{plan.body.name}: {phrase(f'plan.for.{plan.body.name}', plan.body.description)}"
@@ -78,7 +78,7 @@ def _aid(aid: str) -> str:
 
 
 def field_words(plan: Plan) -> str:
-    """Strength and dip of the field that a plan is for."""
+    """Words for the strength and dip of a plan's field."""
     site = plan.recording.site
     strength = FIELD_STRENGTH if site is None or site.strength is None else site.strength
     shown, dip = general(strength, ".3g"), general(dip_of(site), ".3g")
@@ -88,7 +88,7 @@ def field_words(plan: Plan) -> str:
 
 
 def recording_words(plan: Plan) -> str:
-    """Duration, readings, and the time of one turn."""
+    """Words for duration, number of readings, and time of one turn."""
     usual_s = CIRCLE_DEG / plan.body.turning_deg_s
     each = duration(usual_s * plan.seconds / plan.body.seconds(plan.sequence))
     return phrase(
@@ -98,7 +98,7 @@ def recording_words(plan: Plan) -> str:
 
 
 def basis_words(plan: Plan) -> list[str]:
-    """Sentences below the verdict: information bound, scatter of the claims, cost of a tilt."""
+    """Sentences below the verdict: information bound, scatter of the claims, effect of a tilt."""
     expected = plan.expected
     claim, information = expected.fit.claim, expected.information_error_deg
     words = []
@@ -123,7 +123,7 @@ def basis_words(plan: Plan) -> list[str]:
 
 
 def result_cells(expected: ExpectedFit | None) -> list[str]:
-    """Heading error to expect, rms and worst, its 95 %, and the tilt up to which headings are within the target."""
+    """Cells of a result: expected heading error, rms and worst, its 95 % value, and the tilt within the target."""
     if expected is None:
         return [phrase("plan.no-fit", "no fit"), "", "", ""]
     claim = expected.fit.claim
@@ -132,7 +132,7 @@ def result_cells(expected: ExpectedFit | None) -> list[str]:
 
 
 def reach_words(expected: ExpectedFit) -> str:
-    """Tilt up to which headings are within the target."""
+    """Words for the tilt up to which headings are within the target."""
     claim = expected.fit.claim
     if not claim.heading_error_deg.worst <= claim.target_deg:
         return phrase("numbers.none", "none")
@@ -160,7 +160,7 @@ def result_rows(plan: Plan) -> list[list[str]]:
 
 
 def result_headings(target_deg: float) -> list[str]:
-    """Headings of that table."""
+    """Headings of the table of results."""
     return [
         "",
         phrase("plan.fact.time", "time"),
@@ -172,7 +172,7 @@ def result_headings(target_deg: float) -> list[str]:
 
 
 def _steps(steps: Sequence[str]) -> RenderableType:
-    """Numbered steps of the motion."""
+    """Lay out the numbered steps of the motion."""
     grid = Table.grid(Column(style="bold", no_wrap=True, justify="right"), Column(), padding=(0, 2))
     for number, words in enumerate(steps, 1):
         grid.add_row(str(number), Text(words))
@@ -180,7 +180,7 @@ def _steps(steps: Sequence[str]) -> RenderableType:
 
 
 def _commands(commands: Sequence[str]) -> RenderableType:
-    """Commands in the order in which they are typed."""
+    """Lay out commands in the order in which they are typed."""
     return Group(
         Text(phrase("plan.commands", "record and calibrate"), "bold"),
         *(Text(f"   {command}", no_wrap=True, overflow="ignore") for command in commands),
@@ -188,6 +188,6 @@ def _commands(commands: Sequence[str]) -> RenderableType:
 
 
 def _results(plan: Plan) -> RenderableType:
-    """The error to expect as planned, and with more time, tilt or sensors."""
+    """Lay out the expected error as planned, and with more time, tilt or sensors."""
     first, *others = result_headings(plan.recording.target_deg)
     return Group(table([Column(first, overflow="fold"), *whole_columns(others)], result_rows(plan)))

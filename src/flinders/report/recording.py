@@ -1,4 +1,4 @@
-"""Contents of a recording or log as a page for the terminal, with the next commands."""
+"""Contents of a recording or log as a page for the terminal, with the next commands to type."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ if TYPE_CHECKING:
     from flinders.workflows.recording_contents import Contents, RecordedSensor
 
 MAX_REPEATED_SHARE: Final = 0.02
-"""Share of repeated readings above which a remark is made."""
+"""Share of repeated readings from which a remark is made."""
 MAX_STRENGTH_DEVIATION: Final = 0.25
-"""Relative deviation of a measured strength from the field there, with iron on board, above which a remark is made."""
+"""Relative deviation of a measured field strength from that of the site above which a remark on iron is made."""
 TITLE_WIDTH: Final = 11
 MAX_CHIPS: Final = 6
-"""Names of chips in a line; ``--json`` has all."""
+"""Largest number of chip names in a line; ``--json`` has all."""
 NONE_USABLE_WORDS: Final = (
     "No magnetometer of it can be calibrated from this recording, for the reasons marked ! above."
 )
@@ -42,7 +42,7 @@ CALIBRATION: Final = Path("calibration.json")
 
 
 def page_of_contents(contents: Contents, *, grid: bool = False) -> RenderableType:
-    """Lay out the contents of a file, and the next commands; with `grid` also grid north at its place."""
+    """Lay out the contents of a file, and the next commands; with `grid` also grid north at the recorded place."""
     sensors = [_sensor_block(sensor, contents.site) for sensor in contents.sensors]
     said = next_commands(contents.commands) if contents.commands else Text(NONE_USABLE_WORDS)
     return Group(_file_block(contents, grid=grid), page(*sensors, said))
@@ -51,8 +51,8 @@ def page_of_contents(contents: Contents, *, grid: bool = False) -> RenderableTyp
 def commands_for(path: str, sensors: Sequence[RecordedSensor], options: Sequence[str]) -> tuple[str, ...]:
     """The next commands: for the magnetometer with the best coverage and, if several are usable, for all.
 
-    `options` are the options with which the recording was read. No commands for a sensor that is probably no
-    magnetometer, or that `flinders calibrate` refuses for few readings or little motion.
+    `options` are the options with which the recording was read. There are no commands for a sensor that is probably not
+    a magnetometer, or that `flinders calibrate` refuses because of few readings or little motion.
     """
     usable = [sensor for sensor in sensors if sensor.is_fit_for_use]
     if not usable:
@@ -76,7 +76,7 @@ def calibrate_command(path: str, *options: str) -> str:
 
 
 def _calibrate(path: str) -> list[str]:
-    """The first words of the command, also for a path that looks like an option."""
+    """The first words of the command, which also work for a path that looks like an option."""
     is_like_an_option = path.startswith("-") and path != "-"
     return ["flinders", "calibrate", f"./{path}" if is_like_an_option else path]
 
@@ -125,7 +125,7 @@ def _sensor_block(sensor: RecordedSensor, site: SiteField | None) -> RenderableT
 
 
 def _chip_rows(proposal: ChipProposal) -> list[tuple[str, str]]:
-    """Write which chip it may be, why, and what to give for it."""
+    """Rows that say which chip the sensor may be, why, and which options that gives."""
     names, more = proposal.chips[:MAX_CHIPS], len(proposal.chips) - MAX_CHIPS
     written = f"{'' if len(names) == 1 else 'one of '}{', '.join(names)}{f' and {more} more' if more > 0 else ''}"
     rows = [("chip", written), ("because", proposal.reason)]
@@ -149,7 +149,7 @@ def _readings(sensor: RecordedSensor) -> str:
 
 
 def _doubts(sensor: RecordedSensor, site: SiteField | None) -> list[str]:
-    """Remarks on the readings; for a sensor that was hardly turned, none that follow from that."""
+    """Remarks on the readings of a sensor; for one that was hardly turned, only those that need no turn."""
     doubts = list(filter(None, (sensor.too_few, sensor.unmoved))) or _of_values(sensor)
     if sensor.ignored_time:
         doubts.append(

@@ -1,6 +1,6 @@
-"""Renderer of terminal pages: tables, facts, lines of numbers, a verdict, notes; and a fit drawn in twelve lines.
+"""Pages for the terminal: tables, facts, lines of numbers, a verdict, notes; and a fit drawn in twelve lines.
 
-A page consists of blocks of rows, each after an empty line; an unknown block is None and leaves no line.
+A page consists of blocks, with an empty line between them; a block that is None leaves no line.
 
 >>> from rich.console import Console
 >>> block = verdict("GOOD", "good", "headings good to 0.12°", "3,000 readings")
@@ -12,7 +12,7 @@ GOOD  headings good to 0.12°
       3,000 readings
   ! few readings
 
-Pictures use Braille characters of eight dots; other terminals get plain characters.
+Pictures use Braille characters, of eight dots each; terminals without these get plain characters.
 
 >>> print(*braille(np.eye(8, dtype=bool)), sep=" / ")
 ⠑⢄⠀⠀ / ⠀⠀⠑⢄
@@ -51,14 +51,14 @@ MARKS: Final = {"refuses": ("✗", "red"), "limits": ("!", "yellow"), "note": ("
 
 
 def page(*blocks: RenderableType | None) -> Group:
-    """Put blocks below each other, each after an empty line."""
+    """Place blocks below each other, with an empty line between them."""
     return Group(*(part for block in blocks if block is not None for part in ("", block)))
 
 
 def table(
     headings: Iterable[str | Column], rows: Iterable[Sequence[RenderableType]], *, is_dense: bool = False
 ) -> Table:
-    """A table: first column aligned left, others right, unless a `Column` specifies it."""
+    """A table: the first column is aligned left and the others right, unless a `Column` says otherwise."""
     columns = [
         Column(heading, justify="right" if place else "left") if isinstance(heading, str) else heading
         for place, heading in enumerate(headings)
@@ -72,7 +72,7 @@ def table(
 
 
 def whole_columns(names: Iterable[str]) -> list[Column]:
-    """Columns of numbers that are never cut."""
+    """Columns of numbers that are never truncated."""
     return [Column(name, justify="right", no_wrap=True) for name in names]
 
 
@@ -82,7 +82,7 @@ def style_cells(style: str, *cells: str) -> list[Text]:
 
 
 def facts(rows: Iterable[tuple[str, str]], width: int | None = None) -> Table:
-    """Names, dim, with their values in as many lines as needed."""
+    """Dimmed names with their values, which take as many lines as needed."""
     grid = Table.grid(Column(style="dim", no_wrap=True, width=width), Column(), padding=(0, 2))
     for name, text in rows:
         grid.add_row(name, Text(text))
@@ -90,7 +90,7 @@ def facts(rows: Iterable[tuple[str, str]], width: int | None = None) -> Table:
 
 
 def lines(rows: Sequence[tuple[str, str, str]]) -> Text:
-    """Name, numbers and unit, one line each that is never cut."""
+    """Name, numbers and unit in one line each, which is never truncated."""
     width = max(len(name) for name, _, _ in rows) + 3
     text = Text(no_wrap=True, overflow="ignore")
     for name, shown, unit in rows:
@@ -100,7 +100,7 @@ def lines(rows: Sequence[tuple[str, str, str]]) -> Text:
 
 
 def verdict(title: str, colour: str, words: str | Text, *more: str) -> Table:
-    """The verdict, its meaning in words and, below, its basis."""
+    """The verdict with its meaning in words, and below it the numbers that it is based on."""
     grid = Table.grid(Column(no_wrap=True), Column(), padding=(0, 2))
     grid.add_row(Text(title, f"bold {COLOURS[colour]}"), words)
     for text in more:
@@ -109,7 +109,7 @@ def verdict(title: str, colour: str, words: str | Text, *more: str) -> Table:
 
 
 def notes(said: Iterable[tuple[str, ...]]) -> RenderableType:
-    """Severity, words and, for a finding, its code: one line each, with a mark."""
+    """Severity as a mark, words and, for a finding, its code, in one line each."""
     grid = Table.grid(padding=(0, 1))
     for severity, words, *codes in said:
         mark, style = MARKS[severity]
@@ -119,7 +119,7 @@ def notes(said: Iterable[tuple[str, ...]]) -> RenderableType:
 
 
 def next_commands(commands: Sequence[str]) -> RenderableType:
-    """The next commands: one line each that is never cut."""
+    """The next commands, in one line each that is never truncated."""
     title = Text("next" if len(commands) == 1 else "next, one of", "bold")
     return Group(title, *(Text(f"   {command}", no_wrap=True, overflow="ignore") for command in commands))
 
@@ -128,16 +128,16 @@ def next_commands(commands: Sequence[str]) -> RenderableType:
 
 ROWS, COLUMNS, MAP_WIDTH, GAP = 10, 20, 32, 3
 WIDTH: Final = 2 * (COLUMNS + GAP) + MAP_WIDTH
-"""Lines of a picture; characters in a line of a picture, of the map, of a gap between two, and of all."""
+"""Sizes in characters: rows of a picture; columns of a picture, of the map, of a gap between two, and of all."""
 
 WEIGHTS: Final = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
-"""Value of each dot in the code of a Braille character."""
+"""Value of each dot in the code of a Braille character, by row and column of the dots."""
 
 LETTERS: Final = {False: "█░▒·", True: "#+:."}
-"""Marks of a direction: within the target with and without readings, above it likewise; ASCII for any terminal."""
+"""Marks of a direction: within the target with and without readings, then above it; by whether ASCII is needed."""
 
 REQUIRED_LETTERS: Final = f"⣿{LETTERS[False]}"
-"""Characters that a terminal must have for the first set."""
+"""Characters that a terminal must have, or else it gets ASCII."""
 
 TINTS: Final = ("green", "green", "yellow", "red")
 
@@ -145,7 +145,7 @@ TINTS: Final = ("green", "green", "yellow", "red")
 def plot(drawn: FigureData, fit: Fit, *, is_plain: bool = False, width: int = 80) -> Text:
     """Draw a good or limited fit in twelve lines; without the map on a narrow terminal.
 
-    `is_plain` uses ASCII characters only.
+    With `is_plain` only ASCII characters are used.
     """
     pictures = [
         ("before, x and y", _picture(drawn.raw[drawn.is_used], is_plain=is_plain), "yellow"),
@@ -177,13 +177,13 @@ def braille(dots: NDArray[np.bool_]) -> list[str]:
 
 
 def letters(dots: NDArray[np.bool_]) -> list[str]:
-    """Lines of dots, colons and hashes for few, some and many of (4 r, 2 c) dots."""
+    """(4 r, 2 c) dots as r lines of c characters: a dot, colon or hash, for few, some or many dots in its cell."""
     counts = dots.reshape(len(dots) // 4, 4, -1, 2).sum(axis=(1, 3))
     return ["".join(" .:::####"[count] for count in row) for row in counts.tolist()]
 
 
 def _picture(points: Floats, *, is_plain: bool) -> list[str]:
-    """Readings seen along z, x to the right and y up; a cross marks zero if it is in sight."""
+    """Readings seen along z, with x to the right and y up; a cross marks zero if it is within the picture."""
     dots = np.zeros((4 * ROWS, 2 * COLUMNS), bool)
     if not len(points):
         return letters(dots)
@@ -204,7 +204,7 @@ def _picture(points: Floats, *, is_plain: bool) -> list[str]:
 
 
 def _map(view: View, fit: Fit) -> Iterator[list[int]]:
-    """Mark for each direction: rows of equal area from +z to −z, x in the middle."""
+    """Yield the marks of directions in rows of equal area, from +z to −z, with x in the middle."""
     heights = 1.0 - 2.0 * (np.arange(ROWS) + 0.5) / ROWS
     around = 2.0 * np.pi * ((np.arange(MAP_WIDTH) + 0.5) / MAP_WIDTH - 0.5)
     for height in heights:
@@ -218,7 +218,7 @@ def _map(view: View, fit: Fit) -> Iterator[list[int]]:
 
 
 def curve_line(value: float, end: float, width: int, *, seen: float | None = None) -> str:
-    """One line of a curve, west to the left: ``|`` at zero, ``*`` at the value, ``o`` at an observed value.
+    """One line of a curve, with west to the left: ``|`` at zero, ``*`` at the value, ``o`` at an observed value.
 
     >>> curve_line(10.5, 25.0, 21, seen=10.0)
     '          |   o      '

@@ -1,7 +1,7 @@
-"""Data of one fit for the live page and the report, ready for JSON.
+"""Data of one fit for the live page and for reports, ready for JSON.
 
-`view` converts a good, limited or refused `Fit`, and the readings that it was made from, to a `View`. For a refused fit
-no number is given that could be copied. If it has a surface, `shown` is the correction for drawing the readings, so
+`view` converts a good, limited or refused `Fit` and its readings to a `View`. For a refused fit the view has no number
+that could be copied into firmware. If the fit has a surface, `shown` is a correction for drawing the readings only, so
 that the picture improves while the sensor is being turned.
 
 >>> from flinders import simulate
@@ -57,19 +57,19 @@ Matrix = tuple[Triple, Triple, Triple]
 
 BIN_COUNT: Final = 40
 MAX_SIGMAS: Final = 4.0
-"""Range of the histogram in standard deviations; residuals beyond it are counted in the outermost bins."""
+"""Range of the histogram in standard deviations; residuals beyond it count in the outermost bins."""
 
 
 IN_PLAIN_WORDS: Final = ("next_movement", "next_step", "corrected_length", "unit")
-"""Values that plain words of findings take beside number and limit."""
+"""Values in the plain words of findings, in addition to number and limit."""
 
 
 class HeadingErrorView(Struct, frozen=True):
-    """Expected heading error, 1 σ, in degrees, and the case that it holds for."""
+    """Expected heading error, 1 σ in degrees, and the case for which it holds."""
 
     rms: float
     worst: float
-    bound_95: float  # bound of all headings with a probability of 95 %
+    bound_95: float  # bound that the errors of all headings keep with a probability of 95 %
     dip_deg: float
     dip_assumed: bool
     target_deg: float
@@ -83,18 +83,18 @@ class ErrorView(Struct, frozen=True):
 
 
 class FindingView(Struct, frozen=True):
-    """A finding, as `flinders.findings.Finding`."""
+    """A finding, with the fields of `flinders.findings.Finding`."""
 
     code: str
     severity: Literal["note", "limits", "refuses"]
     number: float | None
     limit: float | None
     advice: str
-    values: dict[str, Any] = {}  # of its plain words, for pages in other languages
+    values: dict[str, Any] = {}  # values in its plain words, for pages in other languages
 
 
 class Shown(Struct, frozen=True):
-    """The correction of drawn readings, for drawing only: ``matrix @ (raw - offset) / strength``."""
+    """Correction of readings for drawing only: ``matrix @ (raw - offset) / strength``."""
 
     offset: Triple
     matrix: Matrix
@@ -102,41 +102,42 @@ class Shown(Struct, frozen=True):
 
 
 class ResidualHistogram(Struct, frozen=True):
-    """Histogram of the distances of used readings from the surface; larger ones are in the outermost bins."""
+    """Histogram of the distances of used readings from the surface; large distances count in the outermost bins."""
 
     edges: tuple[float, ...]  # (n + 1,), in the view's unit
     counts: tuple[int, ...]
 
 
 class LevelTurn(Struct, frozen=True):
-    """A level turn of a vehicle."""
+    """Heading errors of a vehicle over a level turn."""
 
     heading_deg: tuple[float, ...]  # (72,), clockwise from magnetic north
-    before_deg: tuple[float, ...]  # deviation of the raw compass without its mean, −180 to 180
+    before_deg: tuple[float, ...]  # deviation of the raw compass minus its mean, −180 to 180
     sigma_deg: tuple[float, ...]  # 1 σ of the corrected heading
 
 
 class GuidanceView(Struct, frozen=True):
     """The next direction to turn to."""
 
-    direction: Triple | None  # of the field in corrected sensor axes; None if no direction is better than the others
+    direction: Triple | None  # direction of the field in corrected sensor axes; None if none is better than the others
     words: str
-    worst_deg: float  # the error that matters now
-    after_deg: float  # the error after some readings there
-    goal: Literal["heading", "attitude"]  # for a level vehicle, or for one at any attitude
-    frame: Literal["vehicle", "sensor"] = "sensor"  # axes of the direction, and of the words
-    is_path: bool = False  # whether it is the first step of a path from the newest reading, which an arrow shows
-    code: str = ""  # of words without a direction, for pages in other languages
+    worst_deg: float  # heading error in degrees now, for the goal
+    after_deg: float  # heading error in degrees after some readings in this direction
+    goal: Literal["heading", "attitude"]  # heading of a level vehicle, or of a vehicle at any attitude
+    frame: Literal["vehicle", "sensor"] = "sensor"  # axes to which direction and words refer
+    # whether it is the first step of a path from the newest reading, which the page shows as an arrow
+    is_path: bool = False
+    code: str = ""  # code of words without a direction, for pages in other languages
 
 
 class View(Struct, frozen=True, kw_only=True):
-    """Drawn data of one fit; values that cannot be trusted are None."""
+    """Data of one fit for drawing; values that cannot be trusted are None."""
 
     verdict: Literal["good", "limited", "refused"]
     sentence: str  # the verdict in plain words
     condition: str = ""  # assumptions of a verdict that no finding covers, in a few words
     method: str
-    unit: str  # "µT" or "counts", of all field values
+    unit: str  # unit of all field values, "µT" or "counts"
     field_strength: float | None = None
     field_strength_known: bool
     offset: Triple | None = None
@@ -144,31 +145,32 @@ class View(Struct, frozen=True, kw_only=True):
     matrix: Matrix | None = None
     matrix_sigma: Matrix | None = None
     noise: float | None = None
-    samples: int  # readings used
-    heading_error_deg: HeadingErrorView | None = None  # of a level vehicle
+    samples: int  # number of readings used
+    heading_error_deg: HeadingErrorView | None = None  # heading error of a level vehicle
     uncorrected_heading_error_deg: ErrorView | None = None
-    # tilt up to which the worst heading is within the target; 180 for all attitudes
+    # tilt in degrees up to which the worst heading is within the target; 180 for all attitudes
     attitude_limit_deg: float | None = None
-    any_attitude_deg: ErrorView | None = None  # over the tiles
+    any_attitude_deg: ErrorView | None = None  # heading error over all tiles
     findings: tuple[FindingView, ...]  # most severe first
     tiles_deg: tuple[float | None, ...] = ()  # (642,), see `tile_errors_deg`; None if unknown
     tiles_seen: tuple[int, ...] = ()  # (642,) count of readings used, by tile
-    rejected: tuple[tuple[int, int], ...] = ()  # first and last reading of each run that was left out, counted from 0
+    # first and last reading of each run of rejected readings, counted from 0
+    rejected: tuple[tuple[int, int], ...] = ()
     residuals: ResidualHistogram | None = None
     turn: LevelTurn | None = None
     guidance: GuidanceView | None = None
-    shown: Shown | None = None  # also for a refused fit
+    shown: Shown | None = None  # correction for drawing, also for a refused fit
 
 
 class TilesView(Struct, frozen=True):
-    """The tiles, sent once."""
+    """The tiles of the sphere of directions, which are sent once."""
 
     centres: tuple[float, ...]  # (1926,): x, y and z of each tile
     corners: tuple[tuple[float, ...], ...]  # 642 tuples of 15 or 18 numbers
 
 
 def tiles_view() -> TilesView:
-    """The tiles to 5 decimals: an error of 1e-5 of the radius is less than a thousandth of a degree."""
+    """The tiles with 5 decimals: an error of 1e-5 of the radius is less than a thousandth of a degree."""
     return TilesView(
         tuple(tiles().centres.round(5).ravel().tolist()),
         tuple(tuple(corners.round(5).ravel().tolist()) for corners in tiles().polygons()),
@@ -178,7 +180,7 @@ def tiles_view() -> TilesView:
 def view(
     fit: Fit, samples: Samples, *, numbers: ArrayLike | None = None, goal: Goal = "heading", frame: Frame = "sensor"
 ) -> View:
-    """Collect the drawn data of a fit, also of a refused one.
+    """Collect the data of a fit for drawing, also of a refused fit.
 
     Parameters
     ----------
@@ -214,7 +216,7 @@ def view(
 
 
 def view_of_numbers(fit: Fit) -> View:
-    """The numbers and words of a fit, also of a refused one, without data from its readings."""
+    """Numbers and words of a fit, also of a refused fit, without data from its readings."""
     is_known = fit.claim.states_uncertainty and not fit.judgement.is_flat
     limit_deg = fit.claim.attitude_limit_deg if is_known else None
     return View(
@@ -237,7 +239,7 @@ def view_of_numbers(fit: Fit) -> View:
 def view_alone(fit: Fit) -> View:
     """Data for the sphere and the level turn of a fit with a stated uncertainty, without its readings.
 
-    A tile counts as seen if its cell of the coverage has a reading; for a loaded fit all do.
+    A tile counts as covered if its cell of the coverage has a reading; for a loaded fit all tiles count as covered.
     """
     by_tile: Floats = np.ones(len(tiles().centres))
     with contextlib.suppress(NeedsRecording):
@@ -258,12 +260,12 @@ def view_alone(fit: Fit) -> View:
 
 
 def _shown_errors(errors_deg: Floats) -> tuple[float | None, ...]:
-    """Errors of tiles for the page; None if unknown."""
+    """Errors of tiles for the page; an unknown error is None."""
     return tuple(round(angle, 4) if angle < ANY_ANGLE_DEG else None for angle in errors_deg.tolist())
 
 
 def _number_fields(fit: Fit) -> dict[str, Any]:
-    """Numbers that could be copied, which a refused fit does not give."""
+    """Fields with numbers that could be copied into firmware; empty for a refused fit."""
     calibration, raw = fit.calibration, fit.claim.uncorrected_heading_error_deg
     sigmas = {"offset_sigma": triple(fit.claim.offset_sigma), "matrix_sigma": _matrix(matrix_sigma(fit))}
     return {
@@ -276,7 +278,7 @@ def _number_fields(fit: Fit) -> dict[str, Any]:
 
 
 def _surface_fields(fit: Fit, corrected: Floats) -> dict[str, Any]:
-    """Data that need a surface, which readings in one plane do not determine."""
+    """Fields that need a surface; empty for readings in one plane, which do not determine one."""
     calibration = fit.calibration
     return {
         "noise": fit.evidence.noise,
@@ -286,7 +288,7 @@ def _surface_fields(fit: Fit, corrected: Floats) -> dict[str, Any]:
 
 
 def _claim_fields(fit: Fit, errors_deg: Floats, goal: Goal, frame: Frame) -> dict[str, Any]:
-    """Fields of a fit's view that need the covariance of the calibration."""
+    """Fields that need the covariance of the calibration."""
     return {
         "heading_error_deg": _heading_error(fit),
         "attitude_limit_deg": fit.claim.attitude_limit_deg,
@@ -310,10 +312,10 @@ def _any_attitude(errors_deg: Floats) -> ErrorView:
 
 
 def _left_out_readings(fit: Fit, samples: Samples) -> tuple[NDArray[np.bool_], list[tuple[int, int]]]:
-    """(N,) mask of readings that a fit left out, as outliers or at the end of an axis, and the runs of these.
+    """(N,) booleans of the readings that a fit left out, as outliers or as saturated, and runs of such readings.
 
-    The fit counts outliers among the readings at no rail. In a run with good readings in between, the outliers are
-    those farthest from the ellipsoid.
+    The fit counts outliers among the readings that are not saturated. If a run contains good readings too, its outliers
+    are the readings farthest from the ellipsoid.
     """
     is_at_rail = np.zeros(len(samples), bool)
     for rail in DataQuality.of(samples).rails:
@@ -331,7 +333,7 @@ def _left_out_readings(fit: Fit, samples: Samples) -> tuple[NDArray[np.bool_], l
 
 
 def rotation_of(fit: Fit) -> Floats:
-    """(3, 3) from the magnetometer's axes, in which the covariance is, to those of corrected readings."""
+    """(3, 3) rotation from the magnetometer's axes, in which the covariance is, to the axes of corrected readings."""
     if fit.calibration.rotation == "symmetric":
         return np.eye(3)
     rotation: Floats = fit.calibration.matrix @ fit.calibration.ellipsoid.shape / fit.calibration.field_strength
@@ -339,13 +341,13 @@ def rotation_of(fit: Fit) -> Floats:
 
 
 def tile_errors_deg(fit: Fit) -> Floats:
-    """(642,) expected heading error, 1 σ in degrees, of a vehicle at attitudes whose corrected field is in a tile.
+    """(642,) expected heading error, 1 σ in degrees, of a vehicle whose corrected field is in the direction of a tile.
 
-    A field along u leaves the direction of the vehicle's vertical open: it makes 90° − I with u, in any direction
-    around it. An error δu across u affects the heading by its horizontal part, over cos I. At the worst of these
-    attitudes the variance is therefore the largest eigenvalue of the transverse covariance of u, (1 − uuᵀ) S⁻¹ J P Jᵀ
-    S⁻ᵀ (1 − uuᵀ), over cos² I, with the dip I of the fit. The part that depends on the direction is added, as for all
-    headings; no mean is removed, since no mounting would explain one.
+    A field along u does not determine the vertical of the vehicle: with the dip I, the vertical makes an angle of 90° −
+    I with u, in any direction around it. The horizontal part of an error δu across u, divided by cos I, is the heading
+    error. The largest variance over these attitudes is therefore the largest eigenvalue of the transverse covariance of
+    u, (1 − uuᵀ) S⁻¹ J P Jᵀ S⁻ᵀ (1 − uuᵀ), divided by cos² I. The part that depends on the direction is added, as for
+    all headings. No mean is subtracted, since no mounting would explain one.
     """
     directions, dip_deg = tiles().centres @ rotation_of(fit), fit.heading_error_deg.dip_deg
     claim = fit.claim
@@ -362,7 +364,7 @@ def finding_view(finding: Finding) -> FindingView:
 def matrix_sigma(fit: Fit) -> Floats:
     """(3, 3) standard deviations of the entries of W = F S⁻¹, to first order.
 
-    δW = (δF/F) W − W δS S⁻¹, with δF = F tr(S⁻¹ δS)/3 if F is the resulting radius, and 0 if F is known.
+    δW = (δF/F) W − W δS S⁻¹. δF is F tr(S⁻¹ δS)/3 if F is the fitted radius, and 0 if F is known.
     """
     is_known = fit.calibration.field_strength_known
     claim = fit.claim
@@ -370,7 +372,7 @@ def matrix_sigma(fit: Fit) -> Floats:
 
 
 def turn(fit: Fit) -> LevelTurn:
-    """Heading errors over a level turn, before and after."""
+    """Heading errors over a level turn, before and after correction."""
     dip, down = fit.heading_error_deg.dip_deg, down_direction(fit.claim.plane)
     ellipsoid, covariance = fit.calibration.ellipsoid, fit.claim.claimed_covariance
     columns = engine().level_turn(ellipsoid.centre, ellipsoid.shape, covariance, dip_deg=dip, down=down)
@@ -378,7 +380,7 @@ def turn(fit: Fit) -> LevelTurn:
 
 
 def residuals(fit: Fit, corrected: Floats) -> ResidualHistogram:
-    """Histogram of the distances of (N, 3) corrected readings from the sphere; in one plane, from the circle in it."""
+    """Histogram of the distances of (N, 3) corrected readings from the sphere; in one plane, from the circle."""
     widest = max(MAX_SIGMAS * fit.evidence.noise, np.finfo(float).tiny)
     edges = np.linspace(-widest, widest, BIN_COUNT + 1)
     lengths = excess_lengths(corrected, fit.calibration.field_strength, fit.claim.plane)
@@ -387,7 +389,7 @@ def residuals(fit: Fit, corrected: Floats) -> ResidualHistogram:
 
 
 def excess_lengths(corrected: Floats, strength: float, plane: Plane | None) -> Floats:
-    """(N,) excess length of (N, 3) corrected readings over the field; in one plane, over their mean in it."""
+    """(N,) lengths of (N, 3) corrected readings minus the field strength; in one plane, minus their mean length."""
     if plane is None:
         lengths: Floats = np.linalg.norm(corrected, axis=1)
         return lengths - strength
@@ -398,7 +400,7 @@ def excess_lengths(corrected: Floats, strength: float, plane: Plane | None) -> F
 def guidance(fit: Fit, goal: Goal, frame: Frame) -> GuidanceView:
     """The next direction to turn to, for one of the goals.
 
-    A turn in one plane, and a fit for which no direction is better than the others, get words without a direction.
+    For a turn in one plane, and if no direction is better than the others, there are words but no direction.
     """
     next_turn = guidance_for(fit, goal)
     direction, words = None, "turn it slowly through all directions, away from iron and from currents"

@@ -1,4 +1,4 @@
-"""Counts of readings in cells of raw space: a compact picture of a recording; those of two recordings can be added.
+"""Counts of readings in cells of raw space: a compact picture of a recording that can be added to another one.
 
 Raw space is divided into cubes. For each cube with readings, `Cloud` stores their number, their sum
 and the times of the first and the last. This is enough to draw the recording, to compute the covered
@@ -29,13 +29,13 @@ MAX_CELLS: Final = 4096
 """Largest number of occupied cells; with more, cells double in size. A sphere in cells of R/12 has about 2,700."""
 
 MIN_SIDE_RATIO: Final = 2.0**-40
-"""Smallest side of a cell, as a fraction of the largest reading; smaller cells show only rounding."""
+"""Smallest side of a cell, as a fraction of the largest reading. Smaller cells would separate only rounding errors."""
 
 MAX_READING: Final = 1e15
-"""Largest reading, as `FL_LARGEST` of the engine, which refuses larger ones."""
+"""Largest absolute reading that is accepted. The engine has the same limit (`FL_LARGEST`)."""
 
 SIDE_SAMPLE: Final = 512
-"""Readings from which the size of the cells is computed."""
+"""Number of readings from which the size of the cells is computed."""
 
 _INDEX_BITS: Final = 21
 _MAX_INDEX: Final = 1 << (_INDEX_BITS - 1)
@@ -50,7 +50,7 @@ class Cloud:
     """Counts, sums and time extent of the readings in each occupied cell."""
 
     side: float  #: side of a cell: a power of two in the unit of the readings, so that cells nest
-    keys: NDArray[np.int64]  #: (K,): cells, ascending: three 21-bit indices packed into one number
+    keys: NDArray[np.int64]  #: (K,): keys of the cells, ascending; a key packs three indices of 21 bits
     counts: Floats  #: (K,): number of readings in each cell
     sums: Floats  #: (K, 3): sum of the readings in each cell
     first: Floats  #: (K,), s: time of the first reading in each cell; NaN without times
@@ -112,14 +112,14 @@ class Cloud:
         return self.keys, self.counts, self.sums, self.first, self.last
 
     def _limit_cells(self) -> Self:
-        """The same readings in at most `MAX_CELLS` cells."""
+        """Merge cells until at most `MAX_CELLS` remain."""
         cloud = self
         while len(cloud) > MAX_CELLS:
             cloud = cloud._coarsen(2.0 * cloud.side)
         return cloud
 
     def _coarsen(self, side: float) -> Self:
-        """The same readings in larger cells; `side` is a power of two times the present side."""
+        """Merge cells into larger ones; `side` is a power of two times the present side."""
         if side == self.side:
             return self
         halvings = int(np.round(np.log2(side / self.side)))
@@ -137,7 +137,7 @@ def natural_side(field: Floats) -> float:
     """
     some = field[:: max(1, len(field) // SIDE_SAMPLE)]
     largest = float(np.abs(some).max())
-    # Squares of such readings overflow or vanish, and no magnetometer gives them: any side is good.
+    # Beyond these limits, where squares overflow or vanish, any side will do: no magnetometer gives such readings.
     if not MIN_SIDE_RATIO < largest < MAX_READING:
         return 1.0
     centre = some.mean(axis=0)
@@ -148,7 +148,10 @@ def natural_side(field: Floats) -> float:
 
 
 def _cell_indices(axes: Floats, side: float) -> Floats:
-    """(3, m) cell indices of (3, m) readings, as integers from 0 for −`_MAX_INDEX`; readings beyond go to the edge."""
+    """(3, m) cell indices of (3, m) readings: integers from 0, which stands for −`_MAX_INDEX`.
+
+    Readings outside the range of the indices are counted in the outermost cells.
+    """
     indices: Floats = np.multiply(axes, 1.0 / side, order="C")
     indices += _MAX_INDEX
     np.floor(indices, out=indices)
@@ -172,9 +175,9 @@ def _cell_columns(readings: Floats, time: Floats | None, side: float) -> _Column
 
 
 def _occupied_cells(indices: Floats) -> tuple[NDArray[np.int64], NDArray[np.intp], NDArray[np.intp]]:
-    """(K,) keys of the occupied cells, ascending, (m,) bin of each reading, and (K,) bin of each cell."""
-    # If the bounding box of the cells is small, a cell is marked in a table of the box, which needs no sorting. If the
-    # box has more cells than there are readings, bins are the ranks of the occupied cells.
+    """(K,) keys of the occupied cells, ascending; (m,) bin of each reading; (K,) bin of each cell."""
+    # Bins number the cells of the readings' bounding box if the box is small, since this needs no sorting. If the box
+    # has more cells than there are readings, bins are the ranks of the occupied cells.
     low = indices.min(axis=1).astype(np.int64)
     deep, wide, high = (indices.max(axis=1).astype(np.int64) - low + 1).tolist()
     if deep * wide * high > _MAX_BOX_CELLS:
@@ -194,7 +197,7 @@ def _occupied_cells(indices: Floats) -> tuple[NDArray[np.int64], NDArray[np.intp
 
 
 def _merge_rows(keys: NDArray[np.int64], counts: Floats, sums: Floats, first: Floats, last: Floats) -> _Columns:
-    """Merge rows of the same key."""
+    """Merge rows with the same key."""
     order = np.argsort(keys, kind="stable")
     ordered = keys[order]
     is_new = np.concatenate([[True], ordered[1:] != ordered[:-1]])
@@ -211,7 +214,7 @@ def _merge_rows(keys: NDArray[np.int64], counts: Floats, sums: Floats, first: Fl
 
 
 def _pack_indices(indices: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(m,) keys of (3, m) cell indices, which are 0 for −`_MAX_INDEX`."""
+    """(m,) keys of (3, m) cell indices; index 0 stands for −`_MAX_INDEX`."""
     packed: NDArray[np.int64] = (indices[0] << 2 * _INDEX_BITS) | (indices[1] << _INDEX_BITS) | indices[2]
     return packed
 

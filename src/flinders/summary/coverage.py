@@ -56,7 +56,8 @@ class Coverage:
     #: (3,): unit vector, corrected sensor axes: the centre of the largest gap
     hole: Floats = field(default_factory=lambda: np.full(3, math.nan))
     hole_deg: float = math.nan  #: angle from `hole` to the nearest reading
-    stated_fraction: float = math.nan  #: `fraction` as stated in a file; NaN if not known
+    #: value of `fraction` that a calibration file states; NaN for a coverage that was counted
+    stated_fraction: float = math.nan
 
     @classmethod
     def of(cls, directions: Floats, counts: Floats | None = None) -> Self:
@@ -76,9 +77,10 @@ class Coverage:
 
     @classmethod
     def of_cloud(cls, cloud: Cloud, ellipsoid: Ellipsoid, *, within: float = np.inf) -> Self:
-        """Project the cells of a cloud onto the sphere by the correction of an ellipsoid.
+        """Project the cells of a cloud onto the sphere, by the correction of an ellipsoid.
 
-        Cells that are farther from the ellipsoid than `within` plus their size hold rejected readings and are left out.
+        Cells with rejected readings are left out: those whose distance from the ellipsoid exceeds `within` plus their
+        size.
         """
         centre, shape = ellipsoid.centre, ellipsoid.shape
         return cls._of_record(
@@ -111,7 +113,7 @@ class Coverage:
         return float(self.counts.sum())
 
     def facing(self, dip_deg: float) -> float:
-        """The dip with its sign in sensor axes, which is reversed if the sensor is mounted upside down.
+        """Dip with the sign that it has in sensor axes: reversed if the sensor is mounted upside down.
 
         The sign follows from the mean direction of a recording that is mostly upright or mostly upside down. In a
         recording of all directions either sign gives the same heading error. With few directions the sign is random.
@@ -119,22 +121,22 @@ class Coverage:
         return engine().signed_dip(self.counts, dip_deg)[0]
 
     def raw_strength(self, ellipsoid: Ellipsoid) -> tuple[float, float]:
-        """Mean length of raw readings over the recorded directions, and its standard deviation relative to the mean."""
+        """Mean length of raw readings over the covered directions, and its standard deviation relative to the mean."""
         return self._strength(ellipsoid.centre + CELL_CENTRES @ ellipsoid.shape)
 
     def corrected_strength(self, ellipsoid: Ellipsoid, calibration: Calibration) -> tuple[float, float]:
-        """Mean length of corrected readings over the recorded directions, and its relative standard deviation."""
+        """Mean length of corrected readings over the covered directions, and its relative standard deviation."""
         return self._strength(calibration.affine.apply(ellipsoid.centre + CELL_CENTRES @ ellipsoid.shape))
 
     def _strength(self, readings: Floats) -> tuple[float, float]:
-        """Mean length of (100, 3) readings, one for each cell, weighted by `counts`, and its relative deviation."""
+        """Mean length of (100, 3) readings weighted by `counts`, and its standard deviation relative to the mean."""
         lengths = np.linalg.norm(readings, axis=1)
         mean = float(np.average(lengths, weights=self.counts))
         spread = float(np.sqrt(np.average((lengths - mean) ** 2, weights=self.counts)))
         return mean, spread / mean
 
     def as_dict(self) -> dict[str, float]:
-        """JSON-ready numbers; empty if they are not known."""
+        """JSON-ready numbers; empty if they are unknown."""
         if math.isnan(self.fraction):
             return {}
         x, y, z = (round(float(part), 4) for part in self.hole)
@@ -151,7 +153,7 @@ class Coverage:
 
 
 class RecordCoverage(Coverage):
-    """Coverage from a record of the engine; readings are counted by direction at the first use of `counts`.
+    """Coverage from a record of the engine. Readings are counted by direction when `counts` is first used.
 
     Parameters
     ----------
@@ -162,7 +164,7 @@ class RecordCoverage(Coverage):
     ellipsoid : Ellipsoid
         Ellipsoid of the record.
     within : float
-        As in `Coverage.through`.
+        Largest distance of an accepted reading from the ellipsoid, as in `Coverage.of_cloud`.
     """
 
     def __init__(self, record: Records, summary: Summary, ellipsoid: Ellipsoid, within: float) -> None:

@@ -42,7 +42,7 @@ QUADRIC_EXPONENTS: Final = np.array(
 """(10, 3) int: powers of the monomials of a quadric, x², y², z², xy, xz, yz, x, y, z, 1."""
 
 MIXED_TERM_FACTORS: Final = np.array([1, 1, 1, 2, 2, 2, 1, 1, 1, 1.0])
-"""(10,) factors of the monomials in xᵀQx + lᵀx + d: mixed terms occur twice."""
+"""(10,) factors of the monomials in xᵀQx + lᵀx + d. The mixed terms xy, xz and yz occur twice."""
 
 SMALLEST_UNIT: Final = 2.0**-1000
 
@@ -58,8 +58,8 @@ class Moments:
     """Weighted sums of xⁱyʲzᵏ for i + j + k ≤ 4, about zero."""
 
     sums: Floats  #: (35,): in the order of `EXPONENTS`; the first is the total weight
-    #: divisor of the readings before powers are taken. It is a power of two at least as large as any reading: division
-    #: is exact, no power overflows, and moments with different units are converted to the larger unit exactly.
+    #: Divisor of the readings before powers are taken: a power of two, at least as large as any reading. Division by it
+    #: is exact, no power overflows, and moments are converted to a larger unit exactly.
     unit: float = SMALLEST_UNIT
 
     @classmethod
@@ -98,16 +98,16 @@ class Moments:
         return replace(self, sums=self._convert_unit(unit) + other._convert_unit(unit), unit=unit)
 
     def __sub__(self, other: Moments) -> Self:
-        """Remove readings that were added before."""
+        """Subtract the sums of readings that were added before."""
         return self + other * -1.0
 
     def __mul__(self, factor: float) -> Self:
-        """Multiply the weight of all readings; a factor below 1 at each block gives exponential forgetting."""
+        """Multiply the weight of all readings. A factor below 1 after each block gives exponential forgetting."""
         return replace(self, sums=self.sums * factor)
 
     @property
     def count(self) -> float:
-        """Total weight; without weights the number of readings."""
+        """Total weight; equal to the number of readings if these have no weights."""
         return float(self.sums[0])
 
     @property
@@ -136,10 +136,10 @@ class Moments:
         return variances
 
     def about(self, origin: ArrayLike, scale: float) -> Floats:
-        """Scatter matrix of the ten monomials of a quadric in shifted and scaled coordinates.
+        """Scatter matrix of the ten monomials of a quadric, in shifted and scaled coordinates.
 
-        With z = (x − origin)/scale and φ(z) = (z₁², z₂², z₃², 2z₁z₂, 2z₁z₃, 2z₂z₃, z₁, z₂, z₃, 1) it is
-        Σ w φφᵀ. φ of a shifted vector is linear in φ of the vector, so the readings are not needed again.
+        With z = (x − origin)/scale and φ(z) = (z₁², z₂², z₃², 2z₁z₂, 2z₁z₃, 2z₂z₃, z₁, z₂, z₃, 1), the matrix is
+        Σ w φφᵀ. φ(z) is a linear function of φ(x), so the readings are not needed again.
         The shift loses precision: an origin at m times the radius of the cloud gives a relative error of
         about m⁴ · 10⁻¹⁵ (compared with exact arithmetic in ``tests/summary/test_moments.py``).
 
@@ -159,7 +159,7 @@ class Moments:
         return scatter
 
     def _convert_unit(self, unit: float) -> Floats:
-        """Sums in a larger unit, exact."""
+        """(35,) sums in a larger unit; the conversion is exact."""
         return self.sums if unit == self.unit else self.sums * (self.unit / unit) ** DEGREES
 
     def __repr__(self) -> str:
@@ -178,7 +178,7 @@ def power_of_two_above(value: float) -> float:
 
 def _monomials(axes: Floats, unit: float, room: Floats) -> Floats:
     """(10, m) monomials 1, x, y, z, x², y², z², xy, xz, yz of one block of (3, m) readings."""
-    # They are written into `room`, (10, m or more): allocating memory for each block would take a quarter more time
+    # Written into `room`, (10, m or more): allocation for each block would take a quarter more time
     # (``python -m benchmarks.kernel``).
     monomials = room[:, : axes.shape[1]]
     monomials[0] = 1.0
@@ -190,8 +190,8 @@ def _monomials(axes: Floats, unit: float, room: Floats) -> Floats:
 
 
 def _block_sums(monomials: Floats, weight: Floats | None) -> Floats:
-    """(35,) sums of one block of monomials (10, m)."""
-    # The 10 × 6 product of all monomials and the quadratic ones has all sums of degree two and more.
+    """(35,) weighted sums of one block of (10, m) monomials."""
+    # The product of all ten monomials with the six quadratic ones contains all sums of degree two to four.
     weighted = monomials if weight is None else monomials * weight
     sums = np.empty(35)
     sums[:4] = weighted[:4].sum(axis=1)
@@ -213,7 +213,7 @@ _FROM_BLOCK: Final = np.array(
 
 
 def _shift_matrix(origin: Floats, scale: float) -> Floats:
-    """(10, 10) matrix from the monomials of x, with single mixed terms, to those of (x − origin)/scale."""
+    """(10, 10) matrix from the monomials of x to those of (x − origin)/scale; mixed terms occur once."""
     x, y, z = origin
     shift = np.eye(10)
     shift[:6, 9] = x * x, y * y, z * z, x * y, x * z, y * z

@@ -1,9 +1,9 @@
-"""Pooling of several estimates of the same parameters, with a test whether they contradict each other.
+"""Pooling of several estimates of the same parameters, with a test of whether they contradict each other.
 
 Each recording of a sensor gives an estimate and its claimed covariance. If the claims are true, the
 scatter of the estimates about their weighted mean agrees with these covariances. A larger scatter means
-that something changed between the recordings; it is added to the uncertainty of the mean, as with the
-random effects of a meta-analysis.
+something changed between the recordings; the excess is added to the uncertainty of the mean, as in the random-effects
+model of a meta-analysis.
 
 >>> north, south = np.array([0.0, 0.0]), np.array([3.0, 0.0])
 >>> together = pool([north, south], [np.diag([0.01, 0.01])] * 2)
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 MIN_EIGENVALUE_SHARE: Final = 1e-13
-"""Eigenvalue of a correlation matrix, relative to the largest, below which a combination of parameters is fixed."""
+"""Smallest relative eigenvalue of a correlation matrix; below it a combination of parameters counts as fixed."""
 
 MIN_SIGMA_SHARE: Final = 1e-12
 """Standard deviation of a parameter, relative to the largest, below which it is fixed: rounding leaves about 1e-16."""
@@ -38,12 +38,12 @@ MIN_SIGMA_SHARE: Final = 1e-12
 class PooledEstimate:
     """Pooled mean of n estimates of K parameters."""
 
-    mean: Floats  #: (K,): weighted with the inverse covariances
-    covariance: Floats  #: (K, K): of the mean, if every claim is true
-    scatter: Floats  #: (K, K): covariance of the changes between estimates, in excess of the claims; rank ≤ n − 1
-    chi_square: float  #: of the estimates about their mean, by their claimed covariances
+    mean: Floats  #: (K,): mean weighted by the inverse covariances
+    covariance: Floats  #: (K, K): covariance of the mean if all claims are true
+    scatter: Floats  #: (K, K): covariance of the changes between recordings, beyond the claims; rank at most n − 1
+    chi_square: float  #: chi-square of the estimates about their mean, by their claimed covariances
     freedom: int  #: degrees of freedom of `chi_square`
-    count: int  #: n
+    count: int  #: n: number of estimates
 
     @property
     def p_value(self) -> float:
@@ -52,7 +52,7 @@ class PooledEstimate:
 
     @property
     def prediction_scatter(self) -> Floats:
-        """(K, K) covariance that the scatter adds if the mean is used for the next recording: S (1 + 1/n)."""
+        """(K, K) covariance to add for the next recording if the mean is used there: S (1 + 1/n), S being `scatter`."""
         return self.scatter * (1.0 + 1.0 / self.count)
 
 
@@ -61,14 +61,15 @@ def pool(estimates: Sequence[Floats], covariances: Sequence[Floats]) -> PooledEs
 
     With Λᵢ = Pᵢ⁻¹, Λ their mean and dᵢ = θᵢ − θ̄, chi-square is Σ dᵢᵀΛᵢdᵢ, with ν = (n − 1)·K degrees of freedom. The
     scatter is max(0, 1 − ν/χ²) Σ DᵢDᵢᵀ/(n − 1) with Dᵢ = Λ⁻¹Λᵢdᵢ. A recording without information on a parameter does
-    not contribute to its scatter. The factor removes the part that chance explains, as in James–Stein shrinkage.
+    not contribute to its scatter. The factor 1 − ν/χ² removes the part that chance explains, as in James–Stein
+    shrinkage.
 
     Parameters
     ----------
     estimates : sequence of (K,) float
-        θᵢ.
+        θᵢ: parameters estimated from recording i.
     covariances : sequence of (K, K) float
-        Pᵢ; they may be singular, all in the same directions.
+        Pᵢ: claimed covariance of θᵢ. They may be singular, but all in the same directions.
 
     References
     ----------
@@ -102,20 +103,21 @@ def differences_from_others(
     origin, scale, precisions, voices = _precisions(estimates, covariances)
     squares = np.outer(scale, scale)
     for i, (estimate, covariance) in enumerate(zip(estimates, covariances, strict=True)):
-        rest = np.arange(len(estimates)) != i  # summed again: subtracting a dominant estimate would leave rounding
+        # summed again: subtraction of a dominant estimate would leave only rounding errors
+        rest = np.arange(len(estimates)) != i
         others = _inverse(precisions[rest].sum(axis=0))
         mean = others @ voices[rest].sum(axis=0)
         yield estimate - origin - mean * scale, covariance + others * squares
 
 
 def chi_square_of(difference: Floats, covariance: Floats) -> tuple[float, int]:
-    """Chi-square of a (K,) difference over the directions in which its covariance is positive, and their number."""
+    """Chi-square of a (K,) difference, and its degrees of freedom: the directions of positive variance."""
     squares, ranks = chi_squares(difference[np.newaxis], covariance[np.newaxis])
     return float(squares[0]), int(ranks[0])
 
 
 def chi_squares(differences: Floats, covariances: Floats) -> tuple[Floats, Floats]:
-    """(n,) chi-squares and (n,) ranks of (n, K) differences with (n, K, K) covariances, as `chi_square_of`."""
+    """(n,) chi-squares and (n,) degrees of freedom of (n, K) differences with (n, K, K) covariances."""
     sigma = np.sqrt(np.einsum("nii->ni", covariances).clip(min=0.0))
     is_free = sigma > MIN_SIGMA_SHARE * sigma.max(axis=1, keepdims=True)
     scale = np.where(is_free, sigma, 1.0)
@@ -138,7 +140,7 @@ def p_value_of(chi_square: float, freedom: int, others: float = math.inf) -> flo
     Parameters
     ----------
     chi_square : float
-        Sum of squares in units of the variance.
+        Sum of squares divided by the variance.
     freedom : int
         Degrees of freedom of `chi_square`.
     others : float
@@ -162,7 +164,7 @@ def p_value_of(chi_square: float, freedom: int, others: float = math.inf) -> flo
 
 
 def _precisions(estimates: Sequence[Floats], covariances: Sequence[Floats]) -> tuple[Floats, Floats, Floats, Floats]:
-    """(K,) origin, (K,) scale, and in these coordinates (n, K, K) inverse covariances Λᵢ and (n, K) products Λᵢθᵢ."""
+    """(K,) origin and (K,) scale of new coordinates; in these, (n, K, K) inverses Λᵢ and (n, K) products Λᵢθᵢ."""
     scale = np.sqrt(np.mean([np.diag(covariance) for covariance in covariances], axis=0))
     scale[scale == 0.0] = 1.0
     precisions = np.stack([_inverse(covariance / np.outer(scale, scale)) for covariance in covariances])
@@ -171,7 +173,7 @@ def _precisions(estimates: Sequence[Floats], covariances: Sequence[Floats]) -> t
 
 
 def _inverse(matrix: Floats) -> Floats:
-    """Pseudo-inverse of a symmetric matrix, without eigenvalues below `MIN_EIGENVALUE_SHARE` times the largest."""
+    """Pseudo-inverse of a symmetric matrix; eigenvalues below `MIN_EIGENVALUE_SHARE` of the largest count as zero."""
     return np.linalg.pinv(matrix, rcond=MIN_EIGENVALUE_SHARE, hermitian=True)
 
 

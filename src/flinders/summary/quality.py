@@ -1,7 +1,7 @@
-"""Quality of a recording before any fit: repeated readings, stuck axes, rails and jumps in time.
+"""Quality of a recording before any fit: repeated readings, stuck axes, saturated axes and jumps in time.
 
-These counts are no verdict; `flinders.fitting.verdict` makes findings of them. Counts of consecutive blocks add in
-order; counts of separate recordings are `merged`.
+`flinders.fitting.verdict` makes findings from these counts. Counts of consecutive blocks add in order; counts of
+separate recordings are merged with `DataQuality.merge`.
 
 >>> from flinders.core.samples import Samples
 >>> DataQuality.of(Samples.of([[1, 2, 3], [1, 2, 3], [4, 2, 3]])).repeats
@@ -27,37 +27,38 @@ if TYPE_CHECKING:
 
 
 RAIL_SHARE, RAIL_COUNT, RAIL_WIDTH = 0.01, 8, 0.25
-"""Limits of a rail.
+"""Limits of a rail, which is an end of an axis where the sensor saturates.
 
-Smallest fraction and number of readings at the end of an axis, and their smallest range along the other axes relative
-to the range of all readings."""
+They are the smallest fraction of the readings at the end, their smallest number, and the smallest ratio of their range
+along the other axes to the range of all readings."""
 
 MIN_RAIL_CONTRAST: Final = 3
-"""Smallest ratio of the number of readings at the end of an axis to that at the next value for a rail.
+"""Smallest ratio at a rail of the number of readings with the end value to the number with the next value.
 
-With coarse steps both numbers are similar. Of 1,400 unsaturated turns by hand in steps of 0.15 to 8 µT two are called
-saturated (`tests/fitting/test_verdict.py`, steps)."""
+If an axis merely has coarse steps, both numbers are similar. Of 1,400 unsaturated turns by hand in steps of 0.15 to 8
+µT two are called saturated (`tests/fitting/test_verdict.py`)."""
 
 SAMPLE_SIZE: Final = 4096
-"""Largest number of different readings that are counted; of more, a sample is counted."""
+"""Largest number of different readings that are all counted. Of more, only a sample is counted."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lows:
     """Smallest value of each axis, and statistics of the readings that have exactly this value.
 
-    At a rail (a saturated axis) many readings have the smallest value while the other axes vary widely. At the end of a
-    sphere few readings have it, and they are close together.
+    At a rail (a saturated axis) many readings have the smallest value while the other axes vary widely. Where an axis
+    only touches the sphere, few readings have the smallest value, and these are close together.
     """
 
     values: Floats = field(default_factory=lambda: np.full(3, np.inf))  #: (3,): smallest value of each axis
     counts: Floats = field(default_factory=lambda: np.zeros(3))  #: (3,): number of readings with the smallest value
     #: (3,): second smallest value of each axis
     next_values: Floats = field(default_factory=lambda: np.full(3, np.inf))
-    next_counts: Floats = field(default_factory=lambda: np.zeros(3))  #: (3,): number of readings with that value
-    #: (3, 3): row i: smallest value of each axis among the readings with the smallest value of axis i
+    #: (3,): number of readings with the second smallest value
+    next_counts: Floats = field(default_factory=lambda: np.zeros(3))
+    #: (3, 3): row i has the smallest value of each axis among the readings with the smallest value of axis i
     least: Floats = field(default_factory=lambda: np.full((3, 3), np.inf))
-    #: (3, 3): row i: largest value of each axis among these readings
+    #: (3, 3): row i has the largest value of each axis among the readings with the smallest value of axis i
     most: Floats = field(default_factory=lambda: np.full((3, 3), -np.inf))
 
     @classmethod
@@ -97,7 +98,7 @@ class Lows:
         )
 
     def _lowest_two(self, other: Lows) -> tuple[Floats, Floats, Floats]:
-        """(3,) smallest value of both, second smallest value, and number of readings with the second smallest."""
+        """(3,) smallest values of both, (3,) second smallest values, and (3,) numbers of readings with the latter."""
         values = np.stack([self.values, self.next_values, other.values, other.next_values])
         counts = np.stack([self.counts, self.next_counts, other.counts, other.next_counts])
         lowest = values.min(axis=0)
@@ -106,17 +107,17 @@ class Lows:
 
     @property
     def ranges(self) -> Floats:
-        """(3, 3) row i: range of each axis among the readings with the smallest value of axis i."""
+        """(3, 3): row i has the range of each axis among the readings with the smallest value of axis i."""
         with np.errstate(over="ignore"):
             return self.most - self.least
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DistinctReadings:
-    """Different readings of a recording, or a sample of them: those whose hash begins with `level` zero bits.
+    """Different readings of a recording, or a sample of them: the readings whose hash begins with `level` zero bits.
 
-    The level is the lowest at which at most `SAMPLE_SIZE` readings remain. So the sample of a recording follows from
-    those of its parts, and does not depend on their order.
+    The level is the lowest at which at most `SAMPLE_SIZE` readings remain. The samples of the parts of a recording
+    therefore merge to the sample of the whole, in any order.
 
     Examples
     --------
@@ -128,15 +129,16 @@ class DistinctReadings:
 
     #: (K,) uint64: hashes of 63 bits, ascending
     hashes: NDArray[np.uint64] = field(default_factory=lambda: np.empty(0, np.uint64))
-    counts: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))  #: (K,): readings with each hash
-    level: int = 0  #: leading zero bits of all hashes
+    #: (K,): number of readings with each hash
+    counts: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    level: int = 0  #: number of leading zero bits that all hashes have
 
     @classmethod
     def of(cls, readings: Floats) -> DistinctReadings:
         """Sample (N, 3) readings."""
         hashes = _hashes(readings)
         level = max(len(hashes) // SAMPLE_SIZE, 2).bit_length() - 1
-        while True:  # starts at a level with about twice the sample, to sort few hashes
+        while True:  # begins at a level that keeps about twice the sample, so that few hashes are sorted
             level -= 1
             some, counts = np.unique(hashes[_has_leading_zeros(hashes, level)], return_counts=True)
             if len(some) > SAMPLE_SIZE or level == 0:
@@ -151,7 +153,7 @@ class DistinctReadings:
         return DistinctReadings(hashes[chosen], counts[chosen], level)._raise_level()
 
     def _raise_level(self) -> DistinctReadings:
-        """Raise the level until at most `SAMPLE_SIZE` hashes remain."""
+        """Require more leading zero bits of the hashes until at most `SAMPLE_SIZE` different readings remain."""
         hashes, counts, level = self.hashes, self.counts, self.level
         while len(hashes) > SAMPLE_SIZE:
             level += 1
@@ -161,13 +163,13 @@ class DistinctReadings:
 
     @property
     def multiplicity(self) -> float:
-        """Mean number of occurrences of a different reading."""
+        """Mean number of times that a reading occurs in the recording."""
         return float(self.counts.mean()) if len(self.counts) else 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Steps:
-    """Number of steps between consecutive readings, and the sum of their squares."""
+    """Count of the steps between consecutive readings, and the sum of their squared lengths."""
 
     count: int = 0
     squares: float = 0.0
@@ -256,7 +258,7 @@ class Rail:
     axis: int  #: index of the axis
     end: str  #: ``lowest`` or ``highest``
     value: float  #: in the unit of the readings: value at which the axis is saturated
-    share: float  #: fraction of the readings that have exactly this value
+    share: float  #: fraction of the readings that have exactly the value of saturation
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -266,11 +268,11 @@ class DataQuality:
     rows: int = 0  #: usable readings
     repeats: int = 0  #: readings equal to the previous one in all three axes
     path: Steps = Steps()  #: steps between consecutive readings
-    #: (3,): the first and the last reading; NaN without readings
+    #: (3,): first reading; NaN without readings
     first: Floats = field(default_factory=lambda: np.full(3, np.nan))
-    last: Floats = field(default_factory=lambda: np.full(3, np.nan))
+    last: Floats = field(default_factory=lambda: np.full(3, np.nan))  #: (3,): last reading; NaN without readings
     lows: Lows = field(default_factory=Lows)  #: low end of each axis
-    highs: Lows = field(default_factory=Lows)  #: high end of each axis, as the low end of the negated readings
+    highs: Lows = field(default_factory=Lows)  #: high end of each axis: the low end of the negated readings
     seen: DistinctReadings = field(default_factory=DistinctReadings)  #: different readings, or a sample of them
     clock: TimeStamps = TimeStamps()  #: statistics of the time stamps
     skipped: tuple[Skipped, ...] = ()  #: rows that were skipped by the reader
@@ -303,7 +305,7 @@ class DataQuality:
         return replace(both, repeats=repeats, path=both.path + seam, clock=self.clock + other.clock)
 
     def merge(self, other: DataQuality) -> Self:
-        """Merge with a separate recording; its first reading does not follow the last one of this recording."""
+        """Merge with a separate recording; the step from one recording to the other is not counted."""
         return type(self)(
             rows=self.rows + other.rows,
             repeats=self.repeats + other.repeats,
@@ -330,7 +332,7 @@ class DataQuality:
 
     @property
     def rails(self) -> tuple[Rail, ...]:
-        """Ends of axes at which the sensor was saturated: many more readings are there than at the next value."""
+        """Ends of axes at which the sensor was saturated, with many more readings than at the next value."""
         return tuple(
             Rail(axis, end, sign * float(ends.values[axis]), float(ends.counts[axis]) / self.rows)
             for end, sign, ends, axis in self._shared_ends()
@@ -339,7 +341,7 @@ class DataQuality:
 
     @property
     def step(self) -> float:
-        """Largest step between the last two values of an axis with coarse resolution; 0 if there is none."""
+        """Largest step between the last two values at an end of an axis with coarse resolution; 0 without one."""
         return max(
             (
                 float(ends.next_values[axis] - ends.values[axis])
@@ -350,7 +352,7 @@ class DataQuality:
         )
 
     def _shared_ends(self) -> Iterator[tuple[str, float, Lows, int]]:
-        """Yield ends of axes shared by many readings that differ widely in the other axes: rails, or coarse steps."""
+        """Yield ends of axes with many readings that differ widely in the other axes: rails, or coarse steps."""
         for end, sign, ends in (("lowest", 1.0, self.lows), ("highest", -1.0, self.highs)):
             for axis in range(3):
                 is_many = ends.counts[axis] >= RAIL_COUNT and ends.counts[axis] > RAIL_SHARE * self.rows
@@ -364,7 +366,7 @@ class DataQuality:
 
 
 def _hashes(readings: Floats) -> NDArray[np.uint64]:
-    """(N,) hashes of 63 bits of (N, 3) readings, as the engine computes them (`native/quality.c`)."""
+    """(N,) hashes of 63 bits of (N, 3) readings, equal to those of the engine (`native/quality.c`)."""
     hashes = np.zeros(len(readings), np.uint64)
     for axis in range(3):
         hashes ^= (readings[:, axis] + 0.0).view(np.uint64)  # -0 is 0
@@ -376,11 +378,11 @@ def _hashes(readings: Floats) -> NDArray[np.uint64]:
 
 
 def _has_leading_zeros(hashes: NDArray[np.uint64], level: int) -> NDArray[np.bool_]:
-    """(K,) whether each of (K,) hashes of 63 bits begins with `level` zero bits."""
+    """(K,) booleans: whether each of (K,) hashes of 63 bits begins with `level` zero bits."""
     return hashes < np.uint64(1 << (63 - level))
 
 
 def _count_repeats(axes: Floats) -> int:
-    """Number of (3, N) readings that equal the previous one."""
+    """Number of (3, N) readings that equal the previous reading."""
     same = np.flatnonzero(axes[0, 1:] == axes[0, :-1])
     return int(np.count_nonzero((axes[1:, same + 1] == axes[1:, same]).all(axis=0))) if len(same) else 0

@@ -33,13 +33,13 @@ if TYPE_CHECKING:
     from flinders.summary.quality import Rail
 
 _BLOCK_READINGS: Final = 65536
-"""Readings that are summarised at a time: few enough to save memory, and enough to make additions cheap."""
+"""Number of readings in a block: small enough to save memory, large enough to make the addition of blocks cheap."""
 
 FLAT_RATIO, MAX_FLAT_RATIO = 0.01, 0.2
-"""Ratio of thickness to width below which readings are always flat, and above which they are never flat."""
+"""Ratios of thickness to width of a cloud: below the first it is always flat, above the second never."""
 
 MAX_FLAT_NOISE_RATIO: Final = 1.5
-"""Ratio of thickness to noise below which readings are flat."""
+"""Ratio of a cloud's thickness to its noise below which the cloud counts as flat."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,7 +98,7 @@ class Summary:
 
     @property
     def statistics(self) -> Statistics:
-        """Statistics for a verdict, for a fit that uses each reading."""
+        """Statistics for a verdict on a fit that uses every reading."""
         health = self.health
         return Statistics(
             rows=health.rows,
@@ -127,7 +127,7 @@ class Summary:
         return Summary(self.moments + other.moments, self.cloud + other.cloud, self.health.merge(other.health))
 
     def forget(self, factor: float) -> Summary:
-        """Multiply the weight of all readings by a factor below 1; at each block this gives exponential forgetting."""
+        """Multiply the weight of all readings by a factor below 1, after each block, for exponential forgetting."""
         return Summary(self.moments * factor, self.cloud * factor, self.health)
 
     def __len__(self) -> int:
@@ -178,7 +178,7 @@ def _sum_moments(samples: Samples) -> Moments:
 
 
 def _sum_cloud(samples: Samples, side: float | None = None) -> Cloud:
-    """Cells of samples, computed in blocks; the default of `side` is computed from all samples."""
+    """Cells of samples, computed in blocks; the default of `side` is that of all samples."""
     side = natural_side(samples.field) if side is None and len(samples) else side
     return reduce(add, (Cloud.of(each.field, time=each.time, side=side) for each in _blocks(samples)))
 
@@ -200,9 +200,9 @@ def is_flat(principal_variances: Floats, noise: float, *, within: float = MAX_FL
 
 
 def flat_below(width: float, noise: float, *, within: float = MAX_FLAT_NOISE_RATIO) -> float:
-    """Thickness below which readings are flat, 1 σ; `width` is the standard deviation along their longest axis.
+    """Thickness (1 σ) below which readings are flat; `width` is the standard deviation along their longest axis.
 
-    Readings without width, all equal or so large that only rounding remains, are never flat.
+    Readings are never flat if their width is zero or only rounding.
 
     >>> flat_below(30.0, 0.5), flat_below(30.0, 0.0), flat_below(30.0, np.inf), flat_below(0.0, 0.5)
     (0.75, 0.3, 6.0, 0.0)
@@ -219,7 +219,7 @@ class RestSpan(NamedTuple):
     end: float  #: s: time of the last reading; NaN without times
 
     def __str__(self) -> str:
-        """Times of the interval, or without times its readings."""
+        """Times of the interval; without times, the numbers of its readings."""
         return f"{self.start:.1f}–{self.end:.1f} s" if self.start <= self.end else f"readings {self.first}–{self.last}"
 
 
@@ -243,9 +243,9 @@ class Statistics:
     clock: TimeStamps  #: statistics of the time stamps
     skipped: tuple[Skipped, ...]  #: rows that were skipped by the reader
     rest_spans: tuple[RestSpan, ...] = ()  #: the rests, if known
-    are_rests_left_out: bool = False  #: whether the fit leaves rests out; else each is one reading in the fit
+    are_rests_left_out: bool = False  #: whether the fit leaves rests out; otherwise each rest is one reading of the fit
     doubt: str = (
-        ""  #: type of sensor that the readings resemble if not a magnetometer's, and the user did not name them
+        ""  #: kind of sensor that the readings resemble, unless the user named the columns; empty for a magnetometer
     )
 
     @classmethod

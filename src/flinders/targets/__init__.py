@@ -1,4 +1,4 @@
-"""Targets: calibrations as files for other tools, and back if possible. The caller writes the file.
+"""Targets: other tools for which a calibration is written, and from which it is read if possible.
 
 >>> from flinders.core.calibration import Calibration
 >>> from flinders.core.units import Unit
@@ -6,9 +6,9 @@
 >>> export.text.splitlines()[0][:9]
 '# ESPHome'
 
-Each module is a target or a family of them: formula, writer and reader, with a row for each target in ``TARGETS`` at
-its end, by which `registry` finds it. A new target is a new module and nothing else. Other packages add targets through
-the entry points ``flinders.targets``.
+Each module is a target or a family of targets: formula, writer, reader, and a row for each target in the ``TARGETS`` at
+its end. `registry` collects these rows, so that a new target is just a new module. Other packages add targets through
+the entry points ``flinders.targets``. The caller writes the files.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ LISTED_FIRST: Final = (
     "esphome", "zscilib", "motioncal", "adafruit", "fusion", "rtimulib", "matlab", "plain", "system_mounting",
     "ros_mounting",
 )  # fmt: skip
-"""Modules in the order in which the targets of a group are listed; all others follow, sorted by name."""
+"""Modules in the order in which their targets are listed within a group; all others follow, sorted by name."""
 
 HEAD_BYTES: Final = 65536
 """Number of first bytes by which the target of a file is recognised."""
@@ -58,9 +58,9 @@ HEAD_BYTES: Final = 65536
 
 @cache
 def registry() -> Mapping[str, Target]:
-    """All targets by name, group by group in the order of `GROUPS`; the first call imports their modules.
+    """All targets by name, by group in the order of `GROUPS`. The first call imports their modules.
 
-    Raises `PluginError` for a package whose targets cannot be loaded, or whose names already exist.
+    Raises `PluginError` for a package whose targets cannot be loaded, or whose names are already in use.
     """
     modules = map(import_module, modules_of(sys.modules[__name__], "TARGETS", first=LISTED_FIRST).values())
     targets = {row.name: row for module in modules for row in module.TARGETS}
@@ -75,9 +75,9 @@ def registry() -> Mapping[str, Target]:
 
 
 def find(name: str) -> Target:
-    """Find a target by name.
+    """Target with a name.
 
-    Raises `UsageError` with the existing names if there is none.
+    Raises `UsageError`, with the existing names, for an unknown name.
     """
     known = registry().get(name.strip().casefold())
     if known is None:
@@ -87,7 +87,7 @@ def find(name: str) -> Target:
 
 
 def search(words: str) -> tuple[Target, ...]:
-    """Return the targets with all of some words in their name, written form or group.
+    """Return the targets whose name, written form and group together contain all of these words.
 
     Raises `UsageError` if there is none.
 
@@ -109,7 +109,7 @@ def _text_of(target: Target) -> str:
 
 
 def mounting_table(target: Target) -> MountingTable:
-    """Mountings of a target; `UsageError` for a target without a mounting setting."""
+    """Mountings that a target can set; `UsageError` for a target that sets no mounting."""
     if target.mountings is None:
         takes = ", ".join(each.name for each in registry().values() if each.mountings)
         raise UsageError(
@@ -122,9 +122,10 @@ def mounting_table(target: Target) -> MountingTable:
 def find_accepting(
     name: str, *, compass: int | None = None, code_name: str | None = None, noise: bool = False
 ) -> Target:
-    """Find a target as `find`, and raise `UsageError` for an option that it does not accept.
+    """Target with a name, checked for options that it must accept.
 
-    The options are the number of a compass, a name in generated code, and the noise for an estimator.
+    Raises `UsageError` for an unknown name, and for an option that the target does not accept: the number of a compass,
+    a name in generated code, or the noise for an estimator.
     """
     target = find(name)
     if compass is not None and not target.compasses:
@@ -153,17 +154,17 @@ def read_back(
 ) -> tuple[str, Calibration]:
     """Read the calibration in a target's file, in the unit and axes of the target.
 
-    Raises `UsageError` for a target whose files cannot be read back, or for a compass number if the target has only
-    one; `DocumentError` for a file that is of no target, or damaged.
+    Raises `UsageError` for a target whose files cannot be read, and for a compass number if the target has only one
+    compass. Raises `DocumentError` for a file of no target, and for a damaged file.
 
     Parameters
     ----------
     source : str
         Name of the file, for messages.
     target : str, optional
-        Target of the file; recognised by content if not given.
+        Target of the file; by default it is recognised by the content.
     strength : float, optional, µT
-        Length of corrected readings, if the file does not contain it; in counts for files in counts.
+        Length of corrected readings, if the file does not state it; in counts for a file in counts.
     compass : int, optional
         Number of the compass, if there are several.
 

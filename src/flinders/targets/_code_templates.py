@@ -1,4 +1,4 @@
-"""Templates of generated code: functions in C, for a sketch and for MicroPython, with placeholders for the numbers.
+"""Templates of generated code in C, for a sketch and for MicroPython, with placeholders for the numbers.
 
 >>> print(C_GAIN.format(gain="0.01f", key="current", reference="5.0f"))
     for (axis = 0; axis < 3; axis++) {

@@ -1,4 +1,4 @@
-"""Names and numbers in generated code.
+"""Names and numbers in generated code, and include guards.
 
 >>> digits(0.1, "f"), name_prefix("flinders", "Mast, top")
 ('0.100000001f', 'Mast_top')
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
 MAX_NAME_LETTERS: Final = 31
-"""Largest length of a name in letters that all compilers distinguish."""
+"""Largest length of a name, in letters, that every compiler distinguishes."""
 
 
 def digits(value: float, suffix: str = "") -> str:
@@ -42,9 +42,9 @@ def float32s(values: Iterable[float], suffix: str = "") -> str:
 
 
 def name_prefix(usual: str, name: str | None) -> str:
-    """Prefix of names in generated code: `usual`, or letters and digits of the requested `name`.
+    """Prefix of names in generated code: `usual`, or the letters and digits of the requested `name`.
 
-    Other characters become ``_``. A name that is empty or too long after that raises `UsageError`.
+    Other characters become ``_``. `UsageError` is raised if the result is empty or too long.
 
     >>> name_prefix("flinders", None), name_prefix("flinders", "Mast, top"), name_prefix("flinders", "2nd compass")
     ('flinders', 'Mast_top', 'mag_2nd_compass')
@@ -66,8 +66,9 @@ def name_prefix(usual: str, name: str | None) -> str:
 def add_guard(word: str, body: Sequence[str]) -> list[str]:
     """Put an include guard around a header.
 
-    The guard contains a checksum of the lines: the same header may be included again, while another one with the same
-    names is an error. With an empty guard the second sensor would silently get the numbers of the first.
+    The guard contains a checksum of the lines. The same header may therefore be included twice, while another header
+    with the same names is an error; with a plain guard, the second sensor would silently get the numbers of the first
+    one.
 
     >>> print(*add_guard("mast", ["int x;"]), sep=chr(10))
     #ifndef MAST_CALIBRATION_H

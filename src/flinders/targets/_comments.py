@@ -1,4 +1,4 @@
-"""Comments in the languages of targets: in ASCII, without text that would end the comment.
+"""Comments in the languages of targets, in ASCII and without text that would end the comment.
 
 >>> print(*HASH.lines(["48 µT"]))
 # 48 uT
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Comment:
-    """Comment syntax of a language: start of each line, lines around, and text that must not occur.
+    """Syntax of comments in a language: start of each line, lines around them, and texts that must not occur.
 
-    Names from recordings and users appear in comments only, in ASCII and without text that would end the comment.
+    Names from recordings and users are written in comments only, in ASCII and without text that would end the comment.
 
     >>> print(*BLOCK.lines(["from */ system(1); /* x.json", "2 µT"]), sep=chr(10))
     /*

@@ -1,4 +1,4 @@
-"""Difference between a calibration and a target's correction, in corrected fields and headings.
+"""Difference between a calibration and the correction by a target, in corrected fields and in headings.
 
 >>> from flinders.core.calibration import Calibration
 >>> calibration = Calibration(np.eye(3), [20.0, 0.0, 0.0], 50.0)
@@ -28,26 +28,27 @@ if TYPE_CHECKING:
     from flinders.targets._mounting import MountingTable
 
 DIRECTIONS: Final = fibonacci(400)
-"""(N, 3) directions of the test fields; with 400, the largest error of a correction is found to within 1 %."""
+"""(N, 3) directions of the test fields. With 400 of them, the largest error is found to within 1 %."""
 MAX_LOSS_DEG: Final = 0.5
-"""Largest heading error in degrees, due to omitted parts, that is accepted without `lossy`."""
+"""Largest heading error in degrees that parts which the target omits may cause without `lossy`."""
 MAX_ROUNDING_DEG: Final = 1.0
-"""Angle in degrees whose sine is the largest relative error of readings by rounding."""
+"""Angle in degrees whose sine is the largest accepted error by rounding, relative to the field."""
 DIP_DEG: Final = 60.0
-"""Inclination of the field, in degrees, for which heading errors are stated."""
+"""Dip of the field in degrees for which heading errors are stated."""
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """Largest error of a target's formula, with its own numbers, against the calibration."""
+    """Largest error of a target's formula, with the target's own numbers, compared with the calibration."""
 
-    # largest difference of corrected vectors, in the calibration's unit; scaled first if the target has its own lengths
+    # largest difference of corrected vectors, in the calibration's unit; lengths are scaled if the target defines its
+    # own
     worst: float
     worst_deg: float  # largest angle between the vectors, in degrees
 
     @classmethod
     def of(cls, calibration: Calibration, corrected: Floats) -> Self:
-        """Compare the result of `correct_fields` for `DIRECTIONS` with the calibration."""
+        """Compare fields that `correct_fields` returned for `DIRECTIONS` with the calibration."""
         with np.errstate(all="ignore"):
             across = np.linalg.norm(np.cross(corrected, DIRECTIONS), axis=1)
             angle = float(np.rad2deg(np.arctan2(across, np.sum(corrected * DIRECTIONS, axis=1))).max())
@@ -60,16 +61,16 @@ class Difference:
 
     @property
     def heading_deg(self) -> float:
-        """Largest heading error at any attitude if the field dips by 60°: atan(tan a / cos 60°) for the angle a."""
+        """Largest heading error in degrees at any attitude for a dip of 60°: atan(tan `worst_deg` / cos 60°)."""
         return heading_deg(self.worst_deg)
 
     def refuse_lost(
         self, lacks: str, *, lossy: bool, mountings: MountingTable | None = None, fitting: str = ""
     ) -> None:
-        """Raise `NotExportable` for a large heading error due to omitted parts, unless `lossy`.
+        """Raise `NotExportable` if omitted parts cause a large heading error, unless `lossy`.
 
-        `mountings`: mountings of a target that could include the rotation. `fitting`: the command for a fit within the
-        target's limits, if there is one.
+        `mountings` are those of a target that could contain the rotation. `fitting` is the command that fits a
+        calibration which the target can represent, if there is one.
         """
         if math.isfinite(self.worst) and (lossy or self.heading_deg <= MAX_LOSS_DEG):
             return
@@ -89,7 +90,10 @@ class Difference:
         )
 
     def refuse_coarse(self, calibration: Calibration, *, lossy: bool) -> None:
-        """Raise `NotExportable` for a relative rounding error above sin 1°; with `lossy`, only from 1 on."""
+        """Refuse rounding errors above sin 1° of the field strength; with `lossy`, those of the strength and above.
+
+        Raises `NotExportable`.
+        """
         strength = calibration.field_strength
         share = self.worst / strength
         if share <= math.sin(math.radians(MAX_ROUNDING_DEG)) or (lossy and share < 1):
@@ -116,9 +120,9 @@ def correct_fields(
 ) -> Floats:
     """(N, 3) fields relative to their strength, as a target corrects the sensor's readings in (N, 3) directions.
 
-    `target` maps (N, 3) readings to (N, 3) corrected ones, both in the calibration's unit, in the axes named by `acts`.
-    If `relative`, its lengths are arbitrary, and scaled to the calibration's field. Fields are in the axes of the
-    calibration's corrected readings.
+    `target` maps (N, 3) readings to (N, 3) corrected ones, both in the calibration's unit and in the axes that `acts`
+    names. With `relative` the lengths of its results are arbitrary, and scaled to the calibration's field strength. The
+    returned fields are in the axes of the calibration's corrected readings.
     """
     back, strength = unmapping_matrix(calibration), calibration.field_strength
     with np.errstate(all="ignore"):
@@ -132,7 +136,7 @@ def correct_fields(
 
 
 def heading_deg(angle_deg: float) -> float:
-    """Largest heading error, at any attitude, of a field that is off by an angle, if it dips by 60°.
+    """Largest heading error, at any attitude and for a dip of 60°, of a field whose direction is wrong by an angle.
 
     >>> round(heading_deg(0.1), 3), heading_deg(90.0)
     (0.2, 180.0)

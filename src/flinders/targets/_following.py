@@ -1,6 +1,7 @@
-"""A second function in generated code for a calibration with disturbances; the first one holds at their references.
+"""A second function in generated code, for a calibration with disturbances.
 
-Names of columns become identifiers; a state is 0 or 1; both functions share one matrix.
+The first function holds at the reference values of the disturbances. Names of columns become identifiers; a state is 0
+or 1; both functions use the same matrix.
 
 >>> from flinders.core.calibration import Calibration
 >>> charger = Disturbance("/charger.state", [4.0, 0.0, -1.5], highest=1.0, states=("idle", "charging"))
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
 
 MAX_LETTERS: Final = 24
-"""Largest length in letters of an identifier made from a column's name."""
+"""Largest length, in letters, of an identifier made from the name of a column."""
 
 RESERVED_WORDS: Final = frozenset(
     [
@@ -110,18 +111,18 @@ RESERVED_WORDS: Final = frozenset(
         "dip_limits",
     ]
 )
-"""Keywords of the languages, and names that occur in generated code."""
+"""Keywords of the languages, and names that generated code contains."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Term:
     """One disturbance in generated code."""
 
-    key: str  # identifier of its value
+    key: str  # identifier of the disturbance's value
     disturbance: Disturbance
-    per_unit: Floats  # (3,) in the recorded unit and axes, as float32
-    unit: str  # recorded unit
-    zero: float  # its reference
+    per_unit: Floats  # (3,) change of the offset per unit, in the recorded unit and axes, as float32
+    unit: str  # unit of the recorded readings
+    zero: float  # reference value of the disturbance
 
     @classmethod
     def each(cls, calibration: Calibration) -> list[Self]:
@@ -141,14 +142,14 @@ class Term:
         ]
 
     def remarks(self) -> list[str]:
-        """Description of the disturbance and its states."""
+        """Remarks that describe the disturbance and its states."""
         states = self.disturbance.states
         meant = [f"{self.key}: 0 is {states[0]}, 1 is {states[1]}"] if states else []
         return [*meant, str(self.disturbance)]
 
 
 def identifier(name: str, taken: list[str]) -> str:
-    """Identifier from letters and digits of a column's name, different from those in `taken`.
+    """Identifier from the letters and digits of a column's name, other than those in `taken`.
 
     >>> identifier("BAT[1].Curr", []), identifier("for", []), identifier("2nd servo", []), identifier("a.b", ["a_b"])
     ('BAT_1_Curr', 'for_value', 'column_2nd_servo', 'a_b_2')
@@ -163,7 +164,7 @@ def identifier(name: str, taken: list[str]) -> str:
 
 
 def in_c(calibration: Calibration, name: str) -> Iterator[str]:
-    """Yield lines of a header; none without disturbances."""
+    """Yield lines for a C header; none without disturbances."""
     terms = Term.each(calibration)
     if not terms:
         return
@@ -186,7 +187,7 @@ def in_c(calibration: Calibration, name: str) -> Iterator[str]:
 
 
 def in_sketch(calibration: Calibration, constant: str, function: str) -> Iterator[str]:
-    """Yield lines of a sketch; none without disturbances."""
+    """Yield lines for a sketch; none without disturbances."""
     terms = Term.each(calibration)
     if not terms:
         return
@@ -212,7 +213,7 @@ def in_sketch(calibration: Calibration, constant: str, function: str) -> Iterato
 
 
 def in_module(calibration: Calibration) -> Iterator[str]:
-    """Yield lines of a Python module; none without disturbances."""
+    """Yield lines for a Python module; none without disturbances."""
     terms = Term.each(calibration)
     if not terms:
         return

@@ -1,7 +1,7 @@
-"""Generated code for a heading with its standard deviation: constants, and functions in C, for a sketch and in Python.
+"""Generated code for a heading with its standard deviation: constants and functions, in C, for a sketch, in Python.
 
-The texts have placeholders for the numbers of a `HeadingModel` and of a `MeasurementNoise`; the functions compute
-gᵀ C g + σ² |v|² of `flinders.targets._heading_model`, in degrees.
+The texts have placeholders for the numbers of a `HeadingModel` and of a `MeasurementNoise`. The functions compute the
+square root of gᵀ C g + σ² |v|² (`flinders.targets._heading_model`), in degrees.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ MAX_DIP_DEG: Final = 89.0
 
 @dataclass(frozen=True, slots=True)
 class HeadingCode:
-    """The texts for one language."""
+    """Texts of generated code for headings in one language."""
 
-    imports: str  #: before all code
-    constants: str  #: standard deviations of field and heading, and numbers of the functions
+    imports: str  #: imports, ahead of all code
+    constants: str  #: standard deviations of field and heading, and numbers for the functions
     function: str  #: function of a heading at any attitude
     level: str  #: function of a level heading, from the field alone
     row: str  #: format of a row of numbers
     suffix: str  #: suffix of a float32 number
 
     def add_to(self, code: Written, unit: str, asked: ExportOptions, **names: str) -> Written:
-        """Append the constants and functions if the noise of the fit is known; `unit` is that of corrected readings."""
+        """Append constants and functions if the noise of the fit is known; `unit` is the unit of corrected readings."""
         noise, model = asked.noise, asked.heading
         if noise is None or model is None:
             return code
@@ -69,12 +69,12 @@ class HeadingCode:
         }
 
     def _wrap_lines(self, numbers: Iterable[float]) -> str:
-        """Numbers, broken into lines."""
+        """Numbers separated by commas, broken into lines."""
         return textwrap.fill(float32s(numbers, self.suffix), 110, initial_indent="    ", subsequent_indent="    ")
 
 
 def sigmas_of(noise: MeasurementNoise) -> dict[str, float]:
-    """Standard deviations that a filter needs to weigh readings."""
+    """Standard deviations by which a filter weights readings, by the names of placeholders."""
     return {
         "field_sigma_reading": noise.reading,
         "field_sigma_calibration": noise.calibration,
@@ -84,7 +84,7 @@ def sigmas_of(noise: MeasurementNoise) -> dict[str, float]:
 
 
 def _axes(model: HeadingModel) -> dict[str, Any]:
-    """Indices and names of the axes of a level vehicle: forward and right in the plane, and down."""
+    """Places and names of the axes of a level vehicle: forward, right and down, for the placeholders."""
     places = axis_order(model.plane or "xy")
     names = dict(zip(("first", "second", "third"), ("xyz"[place] for place in places), strict=True))
     return {**dict(zip(("forward", "right", "down"), places, strict=True)), **names}

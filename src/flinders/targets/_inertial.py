@@ -1,7 +1,8 @@
-"""Calibrations of accelerometers and gyros for targets that hold them, in each target's own form.
+"""Calibrations of accelerometers and gyros in the form of each target that can represent them.
 
-Ours is ``corrected = matrix (raw − offset)``. Each form states which part of the matrix it can hold. The target's own
-formula is tried with the numbers as written on gravity in all directions, and the resulting tilt is stated.
+A calibration is ``corrected = matrix (raw − offset)``. Each form states which part of the matrix it can represent. The
+target's own formula, with the numbers as written, is tried on gravity in all directions, and the tilt that results is
+stated.
 
 >>> sensor = Inertial(Triad(np.diag([0.995, 1.005, 1.0]), [0.2, -0.1, 0.3], "m/s2"))
 >>> def halves(triad, asked):
@@ -31,19 +32,19 @@ if TYPE_CHECKING:
     from flinders.core.inertial_record import InertialUnit
 
 Holds: TypeAlias = Literal["all", "gains", "offset"]
-"""Capacity of a form: offset and matrix, offset and three gains, or an offset alone."""
+"""Part of a calibration that a form can represent: offset and matrix, offset and three gains, or the offset alone."""
 
 ATTITUDES: Final = fibonacci(400)
 """(400, 3) directions of gravity."""
 MAX_TILT_DEG: Final = 0.5
-"""Largest tilt in degrees that a form may cause without `lossy`."""
+"""Largest tilt in degrees that parts which a form omits may cause without `lossy`."""
 NEGLIGIBLE_DEG, NEGLIGIBLE_SHARE = 1e-4, 1e-5
 
 
 class Asked(NamedTuple):
-    """Options besides the numbers."""
+    """Options of a form other than the numbers."""
 
-    imu: int | None = None  # number of the IMU in the target; None is its first
+    imu: int | None = None  # number of the IMU on the target; None for its first
     name: str | None = None  # prefix of names in generated code
 
 
@@ -52,33 +53,33 @@ FIRST_IMU: Final = Asked()
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Numbers:
-    """A correction in the numbers of a target."""
+    """A correction in the form of a target."""
 
-    apply: Callable[[Floats], Floats]  # the target's formula with the numbers as stored
-    values: Mapping[str, Any]  # by their names in the target
-    body: Sequence[str] = ()  # lines of the file; none for a form in JSON
+    apply: Callable[[Floats], Floats]  # formula of the target, with the numbers as they are stored
+    values: Mapping[str, Any]  # numbers by their names on the target
+    body: Sequence[str] = ()  # lines of the file; empty for a form in JSON
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InertialForm:
-    """Form in which a target holds an accelerometer and a gyro."""
+    """Form in which a target represents the calibrations of an accelerometer and a gyro."""
 
     formula: str  # formula that uses the numbers
     source: str  # source of the formula
     accelerometer: Callable[[Triad, Asked], Numbers] | None = None
     gyro: Callable[[Triad, Asked], Numbers] | None = None
-    unit: InertialUnit | None = "m/s2"  # unit of input accelerations; None for any
-    gives: float | None = 1.0  # m/s² in one unit of the output; None if its length has no meaning
-    holds: Holds = "all"  # capacity for the accelerometer
-    holds_rates: Holds = "all"  # capacity for the gyro
-    is_json: bool = False  # names and values are members of the only object in the file
-    is_alone: bool = True  # they make a file without a magnetometer's calibration
+    unit: InertialUnit | None = "m/s2"  # unit of the accelerations that are corrected; None for any unit
+    gives: float | None = 1.0  # m/s² per unit of the output; None if the length of the output has no meaning
+    holds: Holds = "all"  # part of an accelerometer's calibration that it represents
+    holds_rates: Holds = "all"  # part of a gyro's calibration that it represents
+    is_json: bool = False  # whether names and values are members of the only object in the file
+    is_alone: bool = True  # whether they make a file without a magnetometer's calibration
     notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class InertialWritten:
-    """Written form of an accelerometer and a gyro."""
+    """Calibrations of an accelerometer and a gyro, as written for a target."""
 
     body: tuple[str, ...]
     values: dict[str, Any]
@@ -91,21 +92,21 @@ class InertialWritten:
 def write_inertial(
     form: InertialForm, inertial: Inertial, *, who: str, asked: Asked = FIRST_IMU, lossy: bool = False
 ) -> InertialWritten:
-    """Express an accelerometer and a gyro in the numbers of a target, and check them with its own formula.
+    """Write calibrations of an accelerometer and a gyro for a target, and check them with the target's own formula.
 
     Parameters
     ----------
     who : str
-        The target, for messages.
+        Name of the target, for messages.
     asked : Asked
-        The IMU of several, and the prefix of names in code.
+        Number of the IMU, and prefix of names in code.
 
     Raises
     ------
     UnitError
-        If counts would have to be converted to a unit, or vice versa.
+        If the form would need a conversion between counts and a unit.
     NotExportable
-        For numbers that the target cannot hold, and for a tilt above 0.5° unless `lossy`.
+        For numbers that the target cannot represent, and for a tilt above 0.5° unless `lossy`.
     """
     body: list[str] = []
     values: dict[str, Any] = {}
@@ -130,25 +131,25 @@ def write_inertial(
 
 
 def _in_unit(triad: Triad, form: InertialForm, who: str) -> Triad:
-    """The accelerometer's correction for readings in the unit of the target."""
+    """Correction of an accelerometer for readings in the unit of the target."""
     return triad if form.unit is None else triad.convert(form.unit, who=who)
 
 
 def _deviation(triad: Triad, apply: Callable[[Floats], Floats], gives: float | None) -> dict[str, float]:
-    """Largest tilt in degrees, and largest relative error of the length, of a formula at rest."""
+    """Errors of a formula at rest: largest tilt in degrees, and largest relative error of the length."""
     length = np.linalg.norm(apply(_at_rest(triad)), axis=1)
     share = 0.0 if gives is None else float(np.abs(length * gives / STANDARD_GRAVITY - 1.0).max())
     return {"attitudes": float(len(ATTITUDES)), "tilt_deg": float(_tilts(triad, apply).max()), "length_share": share}
 
 
 def _at_rest(triad: Triad) -> Floats:
-    """(N, 3) raw readings at rest in all attitudes."""
+    """(N, 3) raw readings at rest, in all attitudes."""
     raw: Floats = np.linalg.solve(triad.matrix, STANDARD_GRAVITY * ATTITUDES.T).T + triad.offset
     return raw
 
 
 def _tilts(triad: Triad, apply: Callable[[Floats], Floats]) -> Floats:
-    """(N,) degrees by which a formula tilts the vertical, at rest in all attitudes."""
+    """(N,) angles in degrees by which a formula tilts the vertical, at rest in all attitudes."""
     corrected = apply(_at_rest(triad))
     sine = np.linalg.norm(np.cross(corrected, ATTITUDES), axis=1) / np.linalg.norm(corrected, axis=1)
     tilts: Floats = np.rad2deg(np.arcsin(np.clip(sine, 0.0, 1.0)))
@@ -165,7 +166,7 @@ def _words(deviation: Mapping[str, float]) -> str:
 
 
 def _refuse_lost(tilt_deg: float, form: InertialForm, who: str, *, lossy: bool) -> None:
-    """Raise `NotExportable` if the tilt is too large."""
+    """Raise `NotExportable` if a form tilts the vertical too much, unless `lossy`."""
     room = {"all": "an offset and a matrix", "gains": "an offset and three gains", "offset": "an offset alone"}
     if tilt_deg > MAX_TILT_DEG and not lossy:
         raise NotExportable(
@@ -178,7 +179,7 @@ def _refuse_lost(tilt_deg: float, form: InertialForm, who: str, *, lossy: bool) 
 
 
 def _claims(inertial: Inertial, tilts: Floats) -> Iterator[str]:
-    """Accuracy of the vertical with the written numbers: its own error, plus the `tilts` of the target's form."""
+    """Yield the accuracy of the vertical with the written numbers: its own error plus the `tilts` of the form."""
     if inertial.tilt_error is not None:
         error, bound = inertial.tilt_error, inertial.tilt_error.bound_95 + float(tilts.max())
         sigma = math.hypot(error.rms, float(np.sqrt(np.mean(tilts**2))))
@@ -186,14 +187,14 @@ def _claims(inertial: Inertial, tilts: Floats) -> Iterator[str]:
 
 
 def _rates(gyro: Triad, form: InertialForm) -> Iterator[str]:
-    """Parts of a gyro's calibration that are omitted."""
+    """Yield the parts of a gyro's calibration that a form omits."""
     left = np.abs(gyro.matrix - _kept_part(gyro.matrix, form.holds_rates)).max()
     if left > 1e-6:
         yield f"omitted: gains or misalignment of the gyro, up to {figures(100.0 * float(left))} % of a rate"
 
 
 def _kept_part(matrix: Floats, holds: Holds) -> Floats:
-    """(3, 3) the part of a matrix that a form can hold."""
+    """(3, 3) part of a matrix that a form can represent."""
     if holds == "all":
         return matrix
     kept: Floats = np.diag(np.diag(matrix)) if holds == "gains" else np.eye(3)

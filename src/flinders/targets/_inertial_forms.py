@@ -1,4 +1,4 @@
-"""Forms in which Fusion, SensorLab, generated code and plain files hold an accelerometer and a gyro.
+"""Forms in which Fusion, SensorLab, generated code and plain files represent an accelerometer and a gyro.
 
 >>> from flinders.core.inertial import Inertial
 >>> from flinders.targets._inertial import write_inertial
@@ -30,13 +30,13 @@ if TYPE_CHECKING:
     from flinders.targets._inertial import Asked
 
 
-# x-io Fusion: misalignment (sensitivity ∘ (u − offset)); accelerations in g, rates in °/s
+# x-io Fusion: misalignment (sensitivity ∘ (u − offset)); accelerations in g, rates in °/s.
 
 
 def _fusion(
     triad: Triad, _asked: Asked, *, sensor: str, out: float, write: Callable[[str, str, Any], Iterable[str]]
 ) -> Numbers:
-    """Misalignment with a unit diagonal, and sensitivity, which is the diagonal."""
+    """Form of x-io Fusion: a misalignment with a unit diagonal, and the sensitivity, which is the diagonal."""
     gains = np.diag(triad.matrix) / out
     misalignment, sensitivity = round_to_single(triad.matrix / out / gains), round_to_single(gains)
     offset = round_to_single(triad.offset)
@@ -63,7 +63,7 @@ def _python(_sensor: str, name: str, value: Floats) -> Iterator[str]:
 
 
 def _singles(values: Floats, suffix: str = "") -> str:
-    """Float32 numbers, with a point."""
+    """Float32 numbers, each with a decimal point."""
     shown = (f"{value + 0.0:.9g}" for value in values)
     return ", ".join(f"{text if '.' in text or 'e' in text else f'{text}.0'}{suffix}" for text in shown)
 
@@ -90,7 +90,7 @@ FUSION_PYTHON: Final = _fusion_form(_python)
 
 
 def _zero(triad: Triad, _asked: Asked, *, name: str) -> Numbers:
-    """Three offsets, subtracted."""
+    """Form with three offsets that are subtracted."""
     offset = round_to_single(triad.offset)
     return Numbers(lambda raw: raw - offset, {name: [float(f"{value:.9g}") for value in offset]})
 
@@ -111,7 +111,7 @@ SENSORLAB: Final = InertialForm(
 
 
 def _plain(triad: Triad, _asked: Asked, *, name: str, is_yaml: bool = False) -> Numbers:
-    """The correction with its uncertainty."""
+    """Form with all numbers of the correction and their uncertainty."""
     arrays = {"offset": triad.offset, "matrix": triad.matrix, "offset_sigma": triad.offset_sigma}
     values = {
         "formula": "corrected = matrix (raw - offset)",
@@ -187,7 +187,7 @@ def {function}(raw):
 
 
 def _code(triad: Triad, asked: Asked, *, sensor: str, language: str) -> Numbers:
-    """A function with its numbers, as float32."""
+    """Form of a function with its numbers as float32."""
     matrix, offset = round_to_single(triad.matrix), round_to_single(triad.offset)
     what = {"accelerometer": "acceleration", "gyro": "rate"}[sensor]
     suffix = "" if language == "python" else "f"
@@ -215,7 +215,7 @@ def _code(triad: Triad, asked: Asked, *, sensor: str, language: str) -> Numbers:
 
 
 def code_form(language: str) -> InertialForm:
-    """Functions in a language: ``c``, ``sketch`` or ``python``."""
+    """Form for a language: ``c``, ``sketch`` or ``python``."""
     return InertialForm(
         formula="corrected = matrix (raw - offset), accelerations to m/s2 and rates to rad/s",
         source="this program",

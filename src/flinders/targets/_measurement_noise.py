@@ -1,10 +1,10 @@
-"""Noise of corrected readings for a filter: a white part, and an error that is constant.
+"""Noise of corrected readings for a filter: white noise of each reading, and the constant error of the calibration.
 
-Noise differs from reading to reading. The error of a calibration is the same in every reading of an attitude: no filter
-averages it, and it stays as long as a vehicle holds its heading. A filter has one number for both, the measurement
-noise R, and treats it as white. If R is just the sum of both, the filter is too confident. `YawFilter` finds the R for
-which the filter's own variance is that of its actual error. In the example the calibration errs by 1°, the gyro by
-0.6°, and the filter states both.
+Noise differs from reading to reading. The error of a calibration is the same in every reading at an attitude: a filter
+cannot average it, and it stays as long as a vehicle holds its heading. A filter has one number for both, the
+measurement noise R, which it treats as white. If R is just the sum of the two variances, the filter is too confident.
+`YawFilter` finds the R for which the filter's own variance is that of its actual error. In the example the calibration
+has an error of 1° and the gyro one of 0.6°, and the filter states both.
 
 >>> compass_and_gyro = YawFilter(rate_hz=15.0, drift=2.25e-6, bias_drift=1e-8)
 >>> sigma = compass_and_gyro.measurement_sigma(calibration_deg=1.0, reading_deg=0.5)
@@ -27,31 +27,32 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 MIN_SIGMA, MAX_SIGMA = 1e-6, 1e3
-"""Range in rad in which a measurement noise is searched."""
+"""Range in rad in which the measurement noise is searched."""
 BISECTIONS: Final = 20
-"""Number of bisections, after which the measurement noise is accurate to 2e-5 of its value."""
+"""Number of bisections; they determine the measurement noise to 2e-5 of its value."""
 MAX_DOUBLINGS: Final = 60
-"""Largest number of doublings of the time over which a variance settles."""
+"""Largest number of doublings of the time in which a variance settles."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class MeasurementNoise(ShortRepr):
-    """Standard deviations of a corrected reading: of its noise, and of the calibration's error."""
+    """Standard deviations of a corrected reading by noise, and by the error of the calibration."""
 
-    reading: float  #: of one horizontal axis of one reading, in the calibration's unit; white
-    #: the same of the calibration's error, constant in all readings of an attitude; mean over a level turn
+    reading: float  #: of one horizontal axis by white noise, for one reading, in the calibration's unit
+    #: of one horizontal axis by the calibration, constant at an attitude; mean over a level turn
     calibration: float
-    heading_reading_deg: float  #: of the heading of one reading of a level vehicle; white
-    #: of a level heading, mean over a turn (the claim's rms); constant in all readings of a heading
+    heading_reading_deg: float  #: of the heading of a level vehicle by white noise, for one reading
+    #: of a level heading by the calibration, constant at a heading; mean over a turn (the claim's rms)
     heading_calibration_deg: float
     horizontal: float  #: horizontal part of the field, in the calibration's unit
     dip_deg: float  #: dip of the field for which the headings hold
-    dip_assumed: bool  #: the location of the readings is unknown
-    #: (3, 3): of a corrected reading in the calibration's unit, both parts, mean over a level turn
+    dip_assumed: bool  #: whether the location of the readings is unknown, so that the dip is an assumption
+    #: (3, 3): covariance of a corrected reading by both, in the square of the calibration's unit; mean over a level
+    #: turn
     field_covariance: Floats
 
     def with_error(self, heading_deg: float) -> MeasurementNoise:
-        """Add an error of each level heading, 1 σ in degrees, that the readings do not show."""
+        """Copy with a further error of each level heading, 1 σ in degrees, that readings do not show."""
         off = self.horizontal * math.radians(heading_deg)
         return replace(
             self,
@@ -61,7 +62,7 @@ class MeasurementNoise(ShortRepr):
         )
 
     def as_dict(self, unit: str) -> dict[str, object]:
-        """JSON-ready; `unit` is that of the calibration."""
+        """JSON-ready fields; `unit` is the unit of the calibration."""
         return {
             "unit": unit,  # of the field
             "reading": self.reading,  # of one horizontal axis of one reading, 1 σ: white
@@ -74,46 +75,46 @@ class MeasurementNoise(ShortRepr):
 
     @property
     def axis(self) -> float:
-        """Standard deviation of one horizontal axis of a corrected reading: noise and calibration error."""
+        """Standard deviation of one horizontal axis of a corrected reading, by noise and by the calibration."""
         return math.hypot(self.reading, self.calibration)
 
     @property
     def across(self) -> float:
-        """Standard deviation of a corrected reading across the horizontal field: noise and calibration error."""
+        """Standard deviation of a corrected reading across the horizontal field, by noise and by the calibration."""
         return math.hypot(self.reading, self.horizontal * math.radians(self.heading_calibration_deg))
 
     @property
     def heading_deg(self) -> float:
-        """Standard deviation of the heading of one reading of a level vehicle, both parts."""
+        """Standard deviation in degrees of a level heading of one reading, by noise and by the calibration."""
         return math.hypot(self.heading_reading_deg, self.heading_calibration_deg)
 
 
 @dataclass(frozen=True, slots=True)
 class YawFilter:
-    """A Kalman filter of yaw, and optionally of the gyro's bias, fed by a gyro and a compass."""
+    """A Kalman filter of yaw, and optionally of the gyro's bias, with measurements of a gyro and a compass."""
 
-    rate_hz: float  #: headings used per second
-    drift: float  #: rad²/s: growth of its yaw variance by the assumed gyro noise
-    bias_drift: float = 0.0  #: rad²/s³: growth of the gyro bias variance; 0 without a bias state
-    #: `drift` is actual gyro noise; otherwise it is a margin, and the yaw has no such error
+    rate_hz: float  #: headings per second that the filter uses
+    drift: float  #: rad²/s: growth of the yaw variance that the filter assumes for gyro noise
+    bias_drift: float = 0.0  #: rad²/s³: growth of the variance of the gyro bias; 0 for a filter without that state
+    #: whether `drift` is actual gyro noise; otherwise it is a margin, and the yaw has no such error
     is_of_gyro: bool = True
 
     def stated_deg(self, sigma: float) -> float:
-        """Standard deviation of the yaw in degrees, as stated by the settled filter, with noise of `sigma` rad."""
+        """Standard deviation of the yaw in degrees that the settled filter states for noise of `sigma` rad."""
         return _stated_deg(self._settle(sigma))
 
     def error_deg(self, sigma: float, reading_deg: float) -> float:
-        """Standard deviation of its yaw due to noise, in degrees, for `reading_deg` of noise with `sigma` rad assumed.
+        """Standard deviation of the yaw in degrees by noise of `reading_deg` per heading, if `sigma` rad are assumed.
 
-        If `is_of_gyro`, the gyro noise is included.
+        With `is_of_gyro`, the gyro noise is included.
         """
         return self._error_deg(self._settle(sigma), reading_deg)
 
     def measurement_sigma(self, calibration_deg: float, reading_deg: float) -> float:
-        """Measurement noise, 1 σ in rad, with which the filter states the actual error of its yaw.
+        """Measurement noise, 1 σ in rad, for which the filter states the actual error of its yaw.
 
-        The actual error is that of the calibration, on a constant heading, plus the effect of noise. For an exact
-        calibration the result is the noise of a reading.
+        The actual error is that of the calibration at a constant heading, with the effect of noise added. For an exact
+        calibration the result is the noise of one reading.
         """
         low, high = math.log(max(math.radians(reading_deg), MIN_SIGMA)), math.log(MAX_SIGMA)
         for _ in range(BISECTIONS):
@@ -124,7 +125,7 @@ class YawFilter:
         return math.exp(low)
 
     def _error_deg(self, settled: tuple[Floats, Floats], reading_deg: float) -> float:
-        """Yaw error of a settled filter in degrees, due to the noise of the headings that its gain weights."""
+        """Yaw error of a settled filter in degrees, by the noise of the headings that its gain weights."""
         transition, process = self._model()
         gain, _ = settled
         remaining = np.eye(len(gain))
@@ -137,10 +138,10 @@ class YawFilter:
         return math.degrees(math.sqrt(variance[0]))
 
     def _settle(self, sigma: float) -> tuple[Floats, Floats]:
-        """Kalman gain of a heading, and variance before it, in the settled filter.
+        """Kalman gain for a heading, and variance before it, of the settled filter.
 
-        The variance solves the algebraic Riccati equation, by the doubling algorithm of E. K.-W. Chu, H.-Y. Fan and
-        W.-W. Lin, Linear Algebra and its Applications 396 (2005) 55.
+        The variance is the solution of the algebraic Riccati equation by the doubling algorithm: E. K.-W. Chu, H.-Y.
+        Fan, W.-W. Lin, Linear Algebra and its Applications 396 (2005) 55.
         """
         transition, process = self._model()
         measured = np.zeros_like(process)
@@ -149,7 +150,7 @@ class YawFilter:
         return prior[:, 0] / (prior[0, 0] + sigma**2), prior
 
     def words(self, name: str, sigma: float, noise: MeasurementNoise, *, who: str) -> str:
-        """Describe the effect of `sigma` rad of measurement noise in the filter of a program, and the actual error."""
+        """Words on the error of yaw that `who` states with a noise of `sigma` rad, and on the actual error."""
         return (
             f"{name} is {sigma:.3g} rad, {figures(math.degrees(sigma))}°: with it {who} states "
             f"{figures(self.stated_deg(sigma))}° of yaw (1 σ) on a constant heading. The calibration's error there is "
@@ -158,7 +159,7 @@ class YawFilter:
         )
 
     def _model(self) -> tuple[Floats, Floats]:
-        """Transition and process noise from one heading to the next."""
+        """Transition matrix and process noise from one heading to the next."""
         step = 1.0 / self.rate_hz
         if not self.bias_drift:
             return np.eye(1), np.array([[self.drift * step]])
@@ -168,13 +169,13 @@ class YawFilter:
 
 
 def _stated_deg(settled: tuple[Floats, Floats]) -> float:
-    """Standard deviation of the yaw of a settled filter after a heading, in degrees."""
+    """Standard deviation of yaw in degrees that a filter in its steady state claims after it has used a heading."""
     gain, prior = settled
     return math.degrees(math.sqrt((1.0 - gain[0]) * prior[0, 0]))
 
 
 def _solve_riccati(transition: Floats, measured: Floats, process: Floats) -> Floats:
-    """(n, n) settled variance before a measurement with information `measured`; `transition` is transposed."""
+    """(n, n) settled variance before a measurement with the information `measured`; `transition` is transposed."""
     moved, information, variance = transition, measured, process
     for _ in range(MAX_DOUBLINGS):
         solved = np.linalg.solve(np.eye(len(variance)) + information @ variance, np.hstack([moved, information]))

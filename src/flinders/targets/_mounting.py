@@ -1,4 +1,4 @@
-"""Mounting of a compass on its vehicle, by the numbers, names and angles of a firmware.
+"""Mounting of a compass on its vehicle, by the number, name or angles of a firmware.
 
 >>> table = MountingTable("a board", "align", (("FLAT", 0.0, 0.0, 0.0), ("OVER", 180.0, 0.0, 0.0)))
 >>> table.mounting(euler(179.99, 0, 0)).number, table.mounting(euler(170, 0, 0)).number
@@ -21,14 +21,14 @@ from flinders.arrays import Floats, to_floats
 from flinders.errors import UsageError
 
 Angles: TypeAlias = tuple[float, float, float]
-"""Roll, pitch and yaw, degrees."""
+"""Roll, pitch and yaw in degrees."""
 
 MAX_TURN_DEG: Final = 0.05
-"""Largest angle in degrees between rotations that count as equal."""
+"""Largest angle in degrees between two rotations that count as equal."""
 
 
 def euler(roll: float, pitch: float, yaw: float) -> Floats:
-    """(3, 3) R_z(yaw) R_y(pitch) R_x(roll), angles in degrees: vehicle = R sensor; right angles are exact.
+    """(3, 3) rotation R_z(yaw) R_y(pitch) R_x(roll), vehicle = R sensor; angles in degrees, right angles are exact.
 
     >>> euler(90, 0, 0) @ [0, 1, 0]
     array([0., 0., 1.])
@@ -43,7 +43,7 @@ def euler(roll: float, pitch: float, yaw: float) -> Floats:
 
 
 def angles(rotation: Floats) -> Angles:
-    """Roll, pitch and yaw of a rotation in degrees, as taken by `euler`; roll is 0 if pitch is ±90°.
+    """Roll, pitch and yaw of a rotation in degrees, as for `euler`; roll is 0 if pitch is ±90°.
 
     >>> [round(angle, 9) for angle in angles(euler(10, -20, 30))], angles(euler(0, 90, 40))[2]
     ([10.0, -20.0, 30.0], 40.0)
@@ -58,7 +58,7 @@ def angles(rotation: Floats) -> Angles:
 
 
 def in_words(rotation: Floats) -> str:
-    """A rotation in words, by its angles.
+    """Words for a rotation, by its angles.
 
     >>> in_words(euler(0, -12, 3))
     'roll 0.00°, pitch −12.00°, yaw 3.00°'
@@ -68,7 +68,7 @@ def in_words(rotation: Floats) -> str:
 
 
 def apart_deg(one: Floats, other: Floats) -> float:
-    """Angle of the rotation between two rotations, in degrees.
+    """Angle in degrees of the rotation from one rotation to the other.
 
     >>> round(apart_deg(euler(0, 0, 10), euler(0, 0, 10.001)), 6)
     0.001
@@ -77,7 +77,7 @@ def apart_deg(one: Floats, other: Floats) -> float:
 
 
 def split_rotation(matrix: Floats) -> tuple[Floats, float]:
-    """The symmetric P of matrix = Q P with a rotation Q, and the angle of Q in degrees, which a symmetric target omits.
+    """Symmetric P of matrix = Q P with a rotation Q, and the angle of Q in degrees, which a symmetric target omits.
 
     >>> rest, turn_deg = split_rotation(euler(0, 0, 5) @ np.diag([1.0, 2.0, 3.0]))
     >>> rest.round(9), round(turn_deg, 9)
@@ -98,7 +98,7 @@ def _is_half_turn(matrix: Floats) -> bool:
 
 
 def turn_of(matrix: Floats) -> Floats | None:
-    """(3, 3) the rotation Q of matrix = Q P that a symmetric target cannot hold; None if its angle is negligible."""
+    """(3, 3) rotation Q of matrix = Q P, which a symmetric target omits; None if its angle is negligible."""
     root, angle = split_rotation(matrix)
     if angle <= MAX_TURN_DEG:
         return None
@@ -110,34 +110,34 @@ def turn_of(matrix: Floats) -> Floats | None:
 class Mounting:
     """A mounting in the form of a firmware."""
 
-    number: int | None  #: in the table; None if the angles are set instead
-    name: str  #: in the table, or the angles in words
-    angles: Angles  #: in the firmware's convention; all 0 if the number is set
-    rotation: Floats  #: (3, 3) by the firmware's own formula: vehicle = R sensor
+    number: int | None  #: number in the firmware's table; None if the angles are set instead
+    name: str  #: name in the firmware's table; else the angles in words
+    angles: Angles  #: angles in the convention of the firmware; all 0 if the number is set
+    rotation: Floats  #: (3, 3) rotation by the firmware's own formula: vehicle = R sensor
 
 
 @dataclass(frozen=True, slots=True)
 class MountingTable:
-    """The mountings of a firmware: numbered ones, and any other by three angles."""
+    """Mountings of a firmware: those with numbers, and any other one by three angles."""
 
-    # the firmware, and its setting for the number or name
+    # name of the firmware, and its setting for the number or name
     who: str
     setting: str
-    rows: tuple[tuple[str, float, float, float], ...]  # name, and roll, pitch and yaw of `euler` in degrees
-    sense: int = 1  # -1 if its angles have the opposite sign of those of `euler`
-    step_deg: float = 0.0  # step of its angles; 0 if they are float32
+    rows: tuple[tuple[str, float, float, float], ...]  # name, and roll, pitch and yaw in degrees, as for `euler`
+    sense: int = 1  # -1 if the firmware's angles have the opposite sign of those of `euler`
+    step_deg: float = 0.0  # step of the firmware's angles in degrees; 0 if they are float32
 
     def rotation(self, number: int) -> Floats:
-        """(3, 3) rotation of a row."""
+        """(3, 3) rotation of the mounting with a number."""
         return euler(*self.rows[number][1:])
 
     def by_angles(self, own: Angles) -> Floats:
-        """(3, 3) rotation of the firmware's own angles."""
+        """(3, 3) rotation of three angles in the convention of the firmware."""
         roll, pitch, yaw = (self.sense * angle for angle in own)
         return euler(roll, pitch, yaw)
 
     def mounting(self, rotation: Floats) -> Mounting:
-        """The row within `MAX_TURN_DEG` of a rotation, else its angles."""
+        """Mounting with a number if one is within `MAX_TURN_DEG` of a rotation; else the mounting by its angles."""
         misses = [apart_deg(rotation, self.rotation(number)) for number in range(len(self.rows))]
         nearest = misses.index(min(misses))
         if misses[nearest] <= MAX_TURN_DEG:
@@ -147,7 +147,7 @@ class MountingTable:
         return Mounting(None, in_words(rotation), own, self.by_angles(own))
 
     def read(self, words: str) -> Floats:
-        """(3, 3) rotation of a number, a name, or three angles in degrees separated by commas, as in the firmware.
+        """(3, 3) rotation of a number, a name, or three angles in degrees with commas between, as in the firmware.
 
         Raises `UsageError` for anything else.
         """
@@ -166,14 +166,14 @@ class MountingTable:
         return self.by_angles(own)
 
     def _round_angle(self, angle: float) -> float:
-        """An angle as stored by the firmware."""
+        """An angle as the firmware stores it."""
         if self.step_deg:
             return round(angle / self.step_deg) * self.step_deg + 0.0
         return float(np.float32(round(angle, 6))) + 0.0
 
 
 def _parse_angles(word: str) -> Angles | None:
-    """Three finite numbers separated by commas."""
+    """Three finite numbers with commas between; None for other texts."""
     try:
         roll, pitch, yaw = map(float, word.split(","))
     except ValueError:

@@ -1,6 +1,6 @@
-r"""Numbers of targets: in their unit and axes, rounded to fit, and parsed from files of other tools.
+r"""Numbers of targets: in the target's unit and axes, rounded to fit, and parsed from files of other tools.
 
-Parsed numbers are finite; otherwise an error names the value.
+Numbers that are parsed must be finite; otherwise an error names the value.
 
 >>> parse_pairs("a = 1.5\n# b = 2\nb=x", "settings.ini")
 {'a': '1.5', 'b': 'x'}
@@ -36,28 +36,30 @@ if TYPE_CHECKING:
 
 INT16: Final = (-(2**15), 2**15 - 1)
 SETTING: Final = re.compile(r"\s*set\s+(\w+)\s*=(.*)", re.IGNORECASE)
-"""A settings line in the format of a board's command line."""
+"""A line that sets a parameter, as the command line of a board prints it."""
 
 Acts: TypeAlias = Literal["recorded", "mapped", "across"]
-"""Axes in which a target works: those of the recording (mapped afterwards), those of the calibration (mapped before),
-or from the first to the second."""
+"""Axes in which a target corrects readings.
+
+``recorded``: those of the recording, mapped afterwards. ``mapped``: those of the calibration, mapped before.
+``across``: raw readings in the former, corrected readings in the latter."""
 
 VEHICLE: Final = "vehicle"
-"""Frame of a calibration whose readings were already in vehicle axes when recorded."""
+"""Frame of a calibration whose readings were recorded in axes of the vehicle."""
 OWN, RECORDED = "own", "recorded"
-"""Units of a target that accepts any: the calibration's (µT or counts), and the recording's."""
+"""Units of a target that accepts any unit: that of the calibration (µT or counts), and that of the recording."""
 MAX_NUMBER: Final = 1e15
-"""Largest number that a target gets, and the inverse of the smallest: products of two still fit float32."""
+"""Largest number for a target, and inverse of the smallest one: the product of two still fits into float32."""
 MOTOR_QUANTITIES: Final = {"current": 2, "throttle": 1}
-"""Quantities that autopilots compensate, preferred one first, with their COMPASS_MOTCT and CAL_MAG_COMP_TYP."""
+"""Quantities that autopilots compensate, the preferred first, with their COMPASS_MOTCT and CAL_MAG_COMP_TYP."""
 
 
-# a calibration in the unit and the axes of a target
+# a calibration in the unit and axes of a target
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Affine:
-    """``corrected = matrix @ (raw - offset)``, with (3, 3) matrix, (3,) offset and the length of corrected readings.
+    """``corrected = matrix @ (raw - offset)``: (3, 3) matrix, (3,) offset, and the `strength` of corrected readings.
 
     >>> calibration = Calibration(np.diag([1.25, 1.0, 0.8]), [10.0, -20.0, 30.0], 50.0, raw=Unit.of("uT"))
     >>> in_gauss = Affine.of(calibration, "G", who="this device")
@@ -73,9 +75,9 @@ class Affine:
 
     @classmethod
     def of(cls, calibration: Calibration, unit: str, *, who: str, acts: Acts = "recorded") -> Self:
-        """Express a calibration in a unit and in the axes in which a target works; raises as `per_unit`.
+        """Convert a calibration to a unit and to the axes in which a target corrects.
 
-        Numbers that are implausible for a magnetometer raise `NotExportable`.
+        Raises the errors of `per_unit`, and `NotExportable` for numbers that no magnetometer has.
         """
         size = per_unit(calibration, unit, who=who)
         matrix, offset = calibration.matrix, calibration.offset
@@ -103,20 +105,20 @@ class Affine:
         return Affine(round_to_single(self.matrix), round_to_single(self.offset), self.strength)
 
     def decimals(self, places: int) -> Affine:
-        """The numbers rounded to so many decimal places."""
+        """The numbers, rounded to a number of decimal places."""
         return Affine(np.round(self.matrix, places), np.round(self.offset, places), self.strength)
 
     def apply(self, field: ArrayLike) -> Floats:
-        """Correct readings: (..., 3) to (..., 3), in the target's unit."""
+        """Correct (..., 3) readings in the target's unit."""
         corrected: Floats = (check_vectors(field, finite=False) - self.offset) @ self.matrix.T
         return corrected
 
     def to_calibration(self, unit: str, *, known: bool = False, strength: float | None = None) -> Calibration:
-        """The calibration of these numbers, in the axes of the target.
+        """Calibration with these numbers, in the axes of the target.
 
-        `unit` is that of the offset. `strength`, in µT (or counts), is the field strength if the target does not hold
-        it; `known` states that it is no convention. Numbers that flatten all readings into a plane raise `ArrayError`,
-        a field strength that is not positive raises `UsageError`.
+        `unit` is the unit of the offset. `strength`, in µT or counts, is the field strength if the target does not
+        store it; `known` says that it is known and not a convention. Raises `ArrayError` for numbers that flatten all
+        readings into a plane, and `UsageError` for a field strength that is not positive.
         """
         raw = Unit.of(unit)
         length = self.strength * raw.scale if strength is None else strength
@@ -129,7 +131,8 @@ class Affine:
 def in_recorded_axes(calibration: Calibration) -> tuple[Floats, Floats]:
     """(3, 3) matrix and (3,) offset that correct readings before their axes are mapped.
 
-    With P the mapping, Pᵀ W P and Pᵀ b: mapped afterwards, the result is that of the calibration.
+    With the mapping P they are Pᵀ W P and Pᵀ b. If corrected readings are mapped afterwards, the result is that of the
+    calibration.
 
     >>> upside_down = Calibration(np.diag([1.0, 2.0, 0.5]), [10, 20, 30], 50.0, axes=Axes.of("y,x,-z"))
     >>> matrix, offset = in_recorded_axes(upside_down)
@@ -141,7 +144,7 @@ def in_recorded_axes(calibration: Calibration) -> tuple[Floats, Floats]:
 
 
 def in_vehicle_axes(calibration: Calibration) -> Calibration:
-    """A calibration whose recorded axes are those of the vehicle: directly, or by its mapping.
+    """Calibration whose recorded axes are those of the vehicle, as they are already or after mapping.
 
     >>> mapped = Calibration(np.eye(3), [1, 2, 3], 50.0, axes=Axes.of("x,-y,-z"))
     >>> in_recorded_axes(in_vehicle_axes(mapped))[1]
@@ -153,24 +156,24 @@ def in_vehicle_axes(calibration: Calibration) -> Calibration:
 
 
 def shift_in_recorded_axes(calibration: Calibration, disturbance: Disturbance) -> Floats:
-    """(3,) offset per unit of a disturbance in the axes as recorded, in the calibration's unit."""
+    """(3,) change of the offset per unit of a disturbance, in the recorded axes and the calibration's unit."""
     return to_floats(unmapping_matrix(calibration) @ disturbance.per_unit)
 
 
 def unmapping_matrix(calibration: Calibration) -> Floats:
-    """(3, 3) Pᵀ, from the axes of the calibration to those of the recording."""
+    """(3, 3) Pᵀ: from the axes of the calibration to those of the recording."""
     return calibration.axes.apply(np.eye(3))
 
 
 def axes_of_action(acts: Acts, calibration: Calibration) -> Acts:
-    """Axes in which a target works for this recording; with readings in vehicle axes, always those of the recording."""
+    """Axes in which a target corrects this recording; for readings in vehicle axes, always those of the recording."""
     return "recorded" if acts == "mapped" and calibration.frame == VEHICLE else acts
 
 
 def in_sensor_axes(calibration: Calibration, mounting: Floats) -> Calibration:
-    """Convert a calibration of readings in vehicle axes to the sensor's axes before its mounting.
+    """Convert a calibration for readings in vehicle axes to the sensor's axes before the mounting.
 
-    `mounting`, (3, 3): rotation from the sensor's axes to those of the vehicle.
+    `mounting` is the (3, 3) rotation from the sensor's axes to those of the vehicle.
 
     >>> turned = Calibration(np.diag([1.0, 2.0, 0.5]), [10, 20, 30], 50.0, frame="vehicle")
     >>> upright = in_sensor_axes(turned, np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]))
@@ -194,7 +197,7 @@ def in_sensor_axes(calibration: Calibration, mounting: Floats) -> Calibration:
 
 
 def refuse_mounted(calibration: Calibration, *, who: str) -> None:
-    """Raise `NotExportable` for readings in vehicle axes, if the target corrects them before the mounting."""
+    """Raise `NotExportable` for readings in vehicle axes, for a target that corrects them before the mounting."""
     if calibration.frame == VEHICLE:
         raise NotExportable(
             f"the calibration is for readings in the axes of the vehicle, and {who} corrects readings in the axes of "
@@ -208,9 +211,9 @@ def refuse_mounted(calibration: Calibration, *, who: str) -> None:
 
 
 def per_unit(calibration: Calibration, unit: str, *, who: str) -> float:
-    """Size of a target's unit, in the unit of the calibration.
+    """Size of one unit of a target, in the unit of the calibration.
 
-    Raises `UnitError` if one of them is in counts and the other in a unit of field.
+    Raises `UnitError` if only one of the two units is counts.
     """
     if unit == OWN:
         return 1.0
@@ -232,7 +235,7 @@ def per_unit(calibration: Calibration, unit: str, *, who: str) -> float:
 
 
 def split_motor_disturbance(calibration: Calibration) -> tuple[Calibration, Disturbance | None]:
-    """Split off the disturbance that an autopilot compensates, and the calibration with motors at rest.
+    """Calibration with motors at rest, and the disturbance that an autopilot compensates, or None.
 
     >>> from flinders.core.disturbance import Disturbance
     >>> both = (Disturbance("current", [0.5, 0, 0], highest=20), Disturbance("throttle", [3, 0, 0], highest=1))
@@ -263,7 +266,7 @@ def round_to_integers(
 ) -> tuple[int, ...]:
     """Round to integers, half to even, within the range of a register or setting.
 
-    Values beyond the range raise `NotExportable` with their names and exact values.
+    Raises `NotExportable` for values out of range, with their names and exact values.
 
     >>> round_to_integers(np.array([1.4, -2.6]), ["x", "y"], lowest=-8, highest=7, advice="turn back")
     (1, -3)
@@ -283,15 +286,16 @@ def round_to_integers(
 
 
 def in_16_bits(values: Floats, names: Sequence[str], *, lowest: int = INT16[0]) -> tuple[int, ...]:
-    """Round to counts of an int16; others raise `NotExportable`."""
+    """Round to counts of an int16; `NotExportable` for values out of range."""
     advice = "remove or demagnetise magnetic parts near the sensor, and check the unit of the recording"
     return round_to_integers(values, names, lowest=lowest, highest=INT16[1], advice=advice)
 
 
 def nearest_diagonal(matrix: Floats) -> Floats:
-    """(3,) the best diagonal approximation D of a matrix: least ‖D W⁻¹ − I‖, row by row.
+    """(3,) diagonal D that approximates a matrix best: with the least ‖D W⁻¹ − I‖, row by row.
 
-    With V = W⁻¹, d_i = V_ii / Σ_j V_ij². It minimises the mean square of the residual over all field directions.
+    With V = W⁻¹, d_i = V_ii / Σ_j V_ij². D has the smallest mean square of the residual over all directions of the
+    field.
 
     >>> nearest_diagonal(np.diag([2.0, 1.0, 0.5]))
     array([2. , 1. , 0.5])
@@ -303,12 +307,12 @@ def nearest_diagonal(matrix: Floats) -> Floats:
 
 
 def offset_and_radii(calibration: Calibration, *, who: str, turn: Floats | None = None) -> tuple[Floats, Floats]:
-    """(3,) offset and (3,) radii in counts, in the axes as recorded; off-diagonal soft iron is omitted.
+    """(3,) offset and (3,) radii in counts, in the recorded axes; off-diagonal soft iron is omitted.
 
-    `turn`, (3, 3), is a rotation of the calibration that the mounting contains.
+    `turn` is a (3, 3) rotation of the calibration that the mounting contains.
 
-    A radius is the reading of an axis along the field: F / D, with the diagonal D nearest to the matrix and the length
-    F of corrected readings.
+    A radius is the reading of an axis along the field, F / D: F is the length of corrected readings, and D the diagonal
+    nearest to the matrix.
 
     >>> from flinders.core.calibration import Calibration
     >>> board = Calibration(np.diag([1.25, 1.0, 0.8]), [120.4, -31.6, 7.0], 400.0)
@@ -325,16 +329,16 @@ def offset_and_radii(calibration: Calibration, *, who: str, turn: Floats | None 
 
 
 def of_radii(offset: Sequence[float] | Floats, radii: Floats, strength: float | None = None) -> Calibration:
-    """The calibration in counts for an offset and radii.
+    """Calibration in counts with an offset and radii.
 
-    Radii do not determine the `strength` F in counts: by default it is their geometric mean, for which D has
-    determinant 1.
+    Radii do not determine the field strength F in counts, `strength`. By default it is their geometric mean, with which
+    D has the determinant 1.
     """
     length = float(np.exp(np.mean(np.log(radii)))) if strength is None else strength
     return Affine(np.diag(length / radii), to_floats(offset), length).to_calibration(COUNTS, known=strength is not None)
 
 
-# read back; each function raises `DocumentError` for invalid input
+# Reading of files: each function raises `DocumentError` for invalid content.
 
 
 def decode_text(content: bytes, source: str) -> str:
@@ -346,7 +350,7 @@ def decode_text(content: bytes, source: str) -> str:
 
 
 def parse_pairs(text: str, source: str, separator: str = "=") -> dict[str, str]:
-    """Parse lines of key and value; lines with ``#`` or ``;`` first, or without a separator, are ignored."""
+    """Keys and values in lines; lines that start with ``#`` or ``;``, or have no separator, are ignored."""
     pairs: dict[str, str] = {}
     for line in text.splitlines():
         key, between, value = line.partition(separator)
@@ -370,7 +374,7 @@ def load_object(content: bytes, source: str) -> dict[str, object]:
 
 
 def settings(content: bytes, source: str, names: Sequence[str]) -> dict[str, str]:
-    r"""Parse ``set NAME = VALUE`` lines printed by a command line: those of the given names that exist.
+    r"""Values in lines ``set NAME = VALUE`` that a command line printed, by name; only the given names.
 
     >>> settings(b"# dump\nset magzero_x = -7\nset p_roll = 45\n", "dump.txt", ["magzero_x", "magzero_y"])
     {'magzero_x': '-7'}
@@ -381,7 +385,7 @@ def settings(content: bytes, source: str, names: Sequence[str]) -> dict[str, str
 
 
 def numbers(values: Mapping[str, object], names: Sequence[str], source: str) -> Floats:
-    """(N,) the finite numbers with these names."""
+    """(N,) finite numbers with these names."""
     missing = [name for name in names if name not in values]
     if missing:
         raise DocumentError(f"{source}: no {', '.join(missing)}: need {names[0]} to {names[-1]}, all {len(names)}")
@@ -389,7 +393,7 @@ def numbers(values: Mapping[str, object], names: Sequence[str], source: str) -> 
 
 
 def parse_list(values: Mapping[str, object], name: str, length: int, source: str) -> Floats:
-    """(length,) a list of finite numbers."""
+    """(length,) finite numbers of a list."""
     entries = values.get(name)
     if not isinstance(entries, list) or len(entries) != length:
         raise DocumentError(f"{source}: {name} is {_shorten(entries)}: need a list of {length} numbers")
@@ -399,7 +403,7 @@ def parse_list(values: Mapping[str, object], name: str, length: int, source: str
 def parse_counts(
     words: Mapping[str, object], names: Sequence[str], source: str, *, between: tuple[int, int] = INT16
 ) -> tuple[int, ...]:
-    """Parse integers within the target's range.
+    """Integers with these names, within the target's range.
 
     >>> parse_counts({"magzero_x": "-7"}, ["magzero_x"], "dump.txt")
     (-7,)
@@ -428,7 +432,7 @@ def _shorten(value: object) -> str:
 
 
 def yaml_text(value: object, decimals: int = 17) -> str:
-    """A scalar, list or mapping in YAML; floats get a point and a signed exponent, as YAML 1.1 reads 1e-05 as text.
+    """A scalar, list or mapping in YAML. Floats get a point and a signed exponent, since YAML 1.1 reads 1e-05 as text.
 
     >>> print(yaml_text({"unit": "T", "columns": {"BAT[1].Curr": [1e-5, -2.0]}}, 3))
     {unit: "T", columns: {"BAT[1].Curr": [1.000e-05, -2.000e+00]}}

@@ -1,15 +1,15 @@
-"""Mounting of a sensor in the body, for systems with a setting for it: a rotation, perhaps by right angles.
+"""Mounting of a sensor in a body, for systems with a setting for it: any rotation, or one by right angles.
 
-A calibration W (m − b) with W = Q S and S symmetric both corrects and rotates. In the sensor's own axes it is
+A calibration W (m − b) with W = Q S and S symmetric corrects and rotates. Written with the sensor's own axes it is
 
     v = R S (m − b)        R from the sensor's axes to those of the body
 
-A target of a mounting holds R; S and b are left to the program that reads the sensor, and are added as a comment. R
-combines the rotation of the calibration, of the mapping of its axes, and of the mounting during the recording. A
-mirrored sensor has an R of determinant −1.
+The target of a mounting stores R. S and b are left to the program that reads the sensor, and are written as a comment.
+R combines the rotation in the calibration, the mapping of its axes, and the mounting during the recording. For a
+mirrored sensor R has the determinant −1.
 
-R is rounded to one of the 24 rotations by right angles if exactly one is within 3 σ of it; otherwise it is written as
-found.
+R is rounded to one of the 24 rotations by right angles if exactly one of them is within 3 σ; otherwise R is written as
+it was found.
 
 >>> from flinders.core.units import Unit
 >>> from flinders.targets._mounting import euler
@@ -48,38 +48,38 @@ if TYPE_CHECKING:
     from flinders.core.axes import Axes
 
 CHI_SQUARED: Final = 14.16
-"""Quantile for three degrees of freedom with the probability of 3 σ for one: exceeded in 0.27 % of cases."""
+"""Quantile of chi-square for three degrees of freedom at the probability of 3 σ: exceeded in 0.27 % of cases."""
 SIGNIFICANT_DIGITS: Final = 7
 """Significant digits of the correction in the comment of a mounting."""
 MAX_SHEAR: Final = 0.01
-"""Largest deviation from a rotation, by scale or shear, that counts as rounding of its numbers."""
+"""Largest deviation of a matrix from a rotation, by scale or shear, that counts as rounding of its numbers."""
 RIGHT_ANGLE_TOLERANCE: Final = 1e-6
-"""Largest deviation of the numbers of a right-angled rotation."""
+"""Largest deviation of the numbers in a right-angled rotation from 0 and ±1."""
 BODY: Final = MountingTable("a body", "roll, pitch and yaw in degrees", (("NONE", 0.0, 0.0, 0.0),))
-"""Mounting during the recording, if its readings were rotated into the body's axes: R_z R_y R_x."""
+"""Mounting during the recording, if readings were rotated into the axes of the body: R_z R_y R_x."""
 mounting_target: Final = partial(
     Target, group="mounting", unit=OWN, acts="across", follows="all", docs="vehicles/mounting.md", mountings=BODY
 )
-"""Row of a target that holds a mounting, with the fields common to all of them."""
+"""Row of a target that stores a mounting, with the fields that all of these targets share."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placement:
-    """Rotation of a sensor in the body, and the correction of its readings in its own axes."""
+    """Rotation of a sensor in its body, and the correction of readings in the sensor's own axes."""
 
-    found: Floats  #: (3, 3) R from the sensor's axes to those of the body; its determinant is −1 for a mirrored sensor
-    axes: Axes | None  #: the right-angled mounting to which it is rounded; None without
+    found: Floats  #: (3, 3) R, from the sensor's axes to those of the body; its determinant is −1 for a mirrored sensor
+    axes: Axes | None  #: right-angled mounting to which R was rounded; None if it was not rounded
     sigma_deg: Floats | None  #: (3,) 1 σ about the body's axes; None if unknown
     matrix: Floats  #: (3, 3) S, symmetric
-    offset: Floats  #: (3,) b, in the calibration's unit
-    mounted: Floats  #: (3, 3) from the axes of corrected readings to those of the body
+    offset: Floats  #: (3,) b, offset in the calibration's unit
+    mounted: Floats  #: (3, 3) rotation from the axes of corrected readings to those of the body
     calibration: Calibration  #: the calibration that was written, in the sensor's own axes
 
     @classmethod
     def of(cls, calibration: Calibration, asked: ExportOptions, *, who: str) -> Placement:
-        """Split a calibration in the sensor's own axes, perhaps mapped, into rotation and correction.
+        """Split a calibration into rotation and correction, in the sensor's own axes, which may be mapped.
 
-        Raises `NotExportable` if the orientation of the sensor is unknown.
+        Raises `NotExportable` if the orientation of the sensor is not known.
         """
         mounted = np.eye(3) if asked.mounting is None else np.asarray(asked.mounting)
         matrix, offset = in_recorded_axes(calibration)
@@ -101,17 +101,17 @@ class Placement:
 
     @property
     def rotation(self) -> Floats:
-        """(3, 3) R as written to the file; a signed permutation if the mounting was rounded to right angles."""
+        """(3, 3) R as it is written to the file; a signed permutation if it was rounded to right angles."""
         return self.found if self.axes is None else self.axes.matrix
 
     @property
     def nearest_axes(self) -> Axes:
-        """The nearest mounting by right angles, of the same handedness."""
+        """Nearest mounting by right angles with the same handedness."""
         return nearest_axes(self.found)
 
     @property
     def is_mirror(self) -> bool:
-        """Whether the sensor is left-handed and the body right-handed, or vice versa."""
+        """Whether one of sensor and body is left-handed and the other right-handed."""
         return float(np.linalg.det(self.found)) < 0.0
 
     def refuse_mirror(self, who: str) -> None:
@@ -139,9 +139,9 @@ class Placement:
         notes: Sequence[str] = (),
         is_partial: bool = False,
     ) -> Written:
-        """Written form of a target that holds the (3, 3) `rotation` for R.
+        """Written form of a target that stores the (3, 3) `rotation` in place of R.
 
-        `is_partial`: it is the nearest mounting by right angles to another one.
+        `is_partial` says that it is the nearest right-angled mounting and that the actual mounting is another one.
         """
         back = self.mounted.T @ rotation
 
@@ -155,7 +155,7 @@ class Placement:
         return Written(apply, body, stated, remarks, meant=self._rounded_calibration(), is_partial=is_partial)
 
     def _rounded_calibration(self) -> Calibration | None:
-        """The calibration with its rotation rounded to right angles, if it is."""
+        """The calibration with its rotation rounded to right angles; None if it was not rounded."""
         if self.axes is None:
             return None
         back = unmapping_matrix(self.calibration)
@@ -165,7 +165,7 @@ class Placement:
         )
 
     def _notes(self) -> Iterator[str]:
-        """Notes: correction before the mounting, uncertainty of the rotation, and rounding to right angles."""
+        """Yield notes: correction before the mounting, uncertainty of the rotation, and rounding to right angles."""
         unit = unit_label(self.calibration.unit)
         offset = ", ".join(f"{value:.{SIGNIFICANT_DIGITS}g}" for value in self.offset)
         rows = "; ".join(", ".join(f"{value:.{SIGNIFICANT_DIGITS}g}" for value in row) for row in self.matrix)
@@ -180,7 +180,7 @@ class Placement:
         yield self._in_words()
 
     def _in_words(self) -> str:
-        """The rotation that was found, with its uncertainty, and the one that is written."""
+        """Words for the rotation that was found, with its uncertainty, and for the one that is written."""
         if self.is_mirror:
             shown = f"the sensor's axes are a mirror image of the body's, {self.nearest_axes}"
         else:
@@ -202,10 +202,10 @@ class Placement:
 
 
 def right_angled_axes(found: Floats, covariance: Floats | None = None) -> Axes | None:
-    """The right-angled mounting that agrees with R: the only one within 3 σ; None if there is none, or several.
+    """Right-angled mounting that agrees with R, the only one within 3 σ; None for none or several.
 
-    `covariance`, (3, 3) rad²: of its rotation vector, in the body's axes. Without it R has to be within
-    `MAX_TURN_DEG`.
+    `covariance` is that of R's rotation vector, (3, 3) rad², in the body's axes. Without it, R must be within
+    `MAX_TURN_DEG` of the mounting.
 
     >>> from flinders.targets._mounting import euler
     >>> tilted = euler(0.0, 2.0, 90.0)
@@ -227,10 +227,11 @@ def right_angled_axes(found: Floats, covariance: Floats | None = None) -> Axes |
 
 
 def to_calibration(rows: Floats, source: str, *, strength: float | None = None) -> Calibration:
-    """Calibration for a mounting alone: it rotates readings in any unit, without correcting them.
+    """Calibration that consists of a mounting: it rotates readings in any unit and does not correct them.
 
-    Right angles become its axes, also mirrored ones; the rest of another mounting is its matrix. Raises `DocumentError`
-    if (3, 3) rows deviate by more than `MAX_SHEAR` from a rotation or a mirror image.
+    A mounting by right angles, mirrored or not, becomes the mapping of axes; the rest of any other mounting becomes the
+    matrix. Raises `DocumentError` if the (3, 3) rows deviate by more than `MAX_SHEAR` from a rotation or a mirror
+    image.
 
     >>> from flinders.targets._mounting import euler
     >>> str(to_calibration(euler(0, 0, 90), "a file").axes)
@@ -250,7 +251,7 @@ def to_calibration(rows: Floats, source: str, *, strength: float | None = None) 
 
 
 def _polar(matrix: Floats) -> tuple[Floats, Floats]:
-    """Q, orthogonal, and S, symmetric and positive, of matrix = Q S."""
+    """Orthogonal Q, and symmetric positive S, of matrix = Q S."""
     if np.array_equal(matrix, matrix.T) and is_positive_definite(matrix):
         return np.eye(3), matrix
     left, sizes, right = np.linalg.svd(matrix)

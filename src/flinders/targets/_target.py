@@ -1,8 +1,8 @@
-"""A target: how it uses a calibration, its capacity, and its writer and reader.
+"""A target: how it uses a calibration, what it can represent, its writer and its reader.
 
-Each module here is a target or a family of them, with a row for each at its end. A row tries the target's own formula
-on the written numbers, and states the resulting error. Most targets write a matrix and an offset in their own unit and
-axes, `Affine`.
+Each module here is a target or a family of targets, with a row for each at its end. A row tries the target's own
+formula with the numbers as they are written, and states the error that results. Most targets write a matrix and an
+offset in their own unit and axes (`Affine`).
 
 >>> from flinders.core.calibration import Calibration
 >>> from flinders.core.units import Unit
@@ -78,7 +78,7 @@ CAPACITY_WORDS: Final[Mapping[Keeps, str]] = {
     "axes": "a mounting by right angles and no calibration",
 }
 MOUNTING_KINDS: Final = ("rotation", "axes")
-"""Capacities of targets that hold only the sensor's orientation, and leave the correction to a program before them."""
+"""Kinds of `keeps` for targets that store only the orientation of the sensor, and leave the correction to a program."""
 AXES_WORDS: Final[Mapping[Acts, str]] = {
     "recorded": "the sensor's own, before its mounting",
     "mapped": "those of the vehicle or board, after the mounting",
@@ -86,68 +86,69 @@ AXES_WORDS: Final[Mapping[Acts, str]] = {
 }
 NEGLIGIBLE_ERROR: Final = 0.0001
 TOLERANCE: Final = 1e-9
-"""Tolerance of a matrix's kind, relative to its largest entry, for rounding of matrix products."""
+"""Tolerance for the kind of a matrix, relative to its largest entry, as matrix products are rounded."""
 SINGLE_TOLERANCE: Final = 1e-6
-"""Tolerance of a matrix's kind, relative to its largest entry, for rounding to float32."""
+"""Tolerance for the kind of a matrix, relative to its largest entry, after rounding to float32."""
 
 FALSE_ALARM_PROBABILITY: Final = 1e-4
-"""Largest probability that a clean reading is beyond a limit of `Gates`."""
+"""Largest probability that an undisturbed reading is beyond a limit of `Gates`."""
 GATE_SIGMAS: Final = NormalDist().inv_cdf(1.0 - FALSE_ALARM_PROBABILITY / 2.0)
-"""The limits of `Gates`, in standard deviations."""
+"""Limits of `Gates` in standard deviations."""
 TILT_DEG: Final = 1.0
-"""1 σ about each axis, in degrees, of the vertical that firmware takes from its accelerometer."""
+"""Standard deviation in degrees, about each axis, of the vertical that firmware takes from its accelerometer."""
 
 
 @dataclass(frozen=True, slots=True)
 class Gates:
-    """Limits of a corrected reading without disturbances, by which firmware recognises a disturbed one."""
+    """Limits for corrected readings without disturbances; firmware recognises a disturbed reading by them."""
 
-    strength_limit: float  # largest deviation of its length from the field strength, in the calibration's unit
-    # dip, and largest deviation of the field's angle to the horizon from it; NaN if unknown
+    strength_limit: float  # largest difference between its length and the field strength, in the calibration's unit
+    # dip in degrees, and largest difference between the measured dip and this dip; NaN if unknown
     dip_deg: float = math.nan
     dip_limit_deg: float = math.nan
 
     @property
     def has_dip(self) -> bool:
-        """Whether there is a limit of dip."""
+        """Whether there is a limit for the dip."""
         return not math.isnan(self.dip_limit_deg)
 
 
 @dataclass(frozen=True, slots=True)
 class ExportOptions:
-    """Options of a target besides the calibration."""
+    """Options of a target in addition to the calibration."""
 
-    compass: int | None = None  # number of the compass in the target; None is its first
-    lossy: bool = False  # accept a heading error above 0.5° due to omitted parts
-    # (3, 3): mounting of the compass during the recording, vehicle = R sensor; None if unknown
+    compass: int | None = None  # number of the compass on the target; None for its first
+    lossy: bool = False  # whether a heading error above 0.5° by omitted parts is accepted
+    # (3, 3): mounting of the compass during the recording, vehicle = R sensor; None if it is not known
     mounting: Floats | None = None
-    rotation_covariance: Floats | None = None  # (3, 3) rad², in the body's axes: of the sensor's orientation
+    rotation_covariance: Floats | None = None  # (3, 3) rad²: covariance of the sensor's orientation, in the body's axes
     gates: Gates | None = None  # limits by which generated code recognises a disturbed reading
     noise: MeasurementNoise | None = None  # noise of corrected readings for a filter
     heading: HeadingModel | None = None  # model by which generated code states the error of each heading
-    estimator: bool = False  # also write the noise as parameters of the vehicle's estimator
-    # name of the sensor as prefix of names in generated code, so that one program can include code for two sensors
+    estimator: bool = False  # whether the noise is also written as parameters of the vehicle's estimator
+    # name of the sensor, as a prefix of names in generated code: one program can then contain code for two sensors
     name: str | None = None
-    fitting: str = ""  # command for a fit within the target's capacity, if there is one
+    fitting: str = ""  # command that fits a calibration which the target can represent, if there is one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Written:
-    """A calibration in the numbers of a target."""
+    """A calibration as written for a target."""
 
-    apply: Callable[[Floats], Floats]  # the target's formula with the numbers as stored, in its units
+    apply: Callable[[Floats], Floats]  # formula of the target, with the numbers as they are stored, in its units
     body: Sequence[str]  # lines of the file
-    values: Mapping[str, Any]  # written values, for programs
+    values: Mapping[str, Any]  # written numbers by name, for programs
     notes: Sequence[str] = ()  # further remarks
     data: bytes | None = None  # content of a binary file
-    # ``compensated(readings, value)``: the formula at a value of the motors' current or throttle
+    # ``compensated(readings, value)``: the formula at a value of the current or throttle of the motors
     compensated: Callable[[Floats, float], Floats] | None = None
-    # (3, 3): rotation of the calibration that is in the written mounting, in the recorded axes
+    # (3, 3): rotation in the calibration that the written mounting contains, in the recorded axes
     turn: Floats | None = None
-    formula: str = ""  # formula for the numbers, if it differs from the target's usual one
-    # calibration for the numbers, if the mounting was rounded to right angles
+    formula: str = ""  # formula for these numbers, if it is not the usual one of the target
+    # calibration that the numbers mean, if the mounting was rounded to right angles
     meant: Calibration | None = None
-    is_partial: bool = False  # the mounting is not by right angles, and the nearest one that is was written
+    # whether the mounting is not by right angles, and the nearest right-angled one was written
+    is_partial: bool = False
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -155,12 +156,13 @@ class Export(ShortRepr):
     """A calibration in the form of a target."""
 
     target: str  # name of the target
-    text: str  # content of the file; a readable description of a binary one
-    fields: dict[str, Any]  # the same for programs, ready for JSON
-    checked: str  # its error, in words
-    warnings: tuple[str, ...] = ()  # warnings before its use
+    text: str  # content of the file; for a binary file a description
+    fields: dict[str, Any]  # the same content for programs, JSON-ready
+    checked: str  # error of the target's formula, in words
+    warnings: tuple[str, ...] = ()  # warnings to read before it is used
     data: bytes | None = None  # content of a binary file
-    has_comments: bool = True  # the text contains remarks as comments; otherwise they have to be shown elsewhere
+    # whether the text contains remarks as comments; otherwise they have to be shown elsewhere
+    has_comments: bool = True
 
     @property
     def content(self) -> str | bytes:
@@ -172,92 +174,94 @@ class Export(ShortRepr):
 class TargetReader:
     """Reader of a target's files."""
 
-    mark: bytes  #: regular expression that matches the first bytes of such files, and of no other target's
-    #: ``read(content, source, strength=…)`` returns the calibration in a file's bytes. `source` is its name for
-    #: messages, `strength` the length of corrected readings, which has priority over the file's; in µT, or in counts
-    #: for files in counts. With `which` it also takes ``compass``
+    mark: bytes  #: regular expression that matches the first bytes of such files, and of no other target's files
+    #: ``read(content, source, strength=…)`` returns the calibration in a file's bytes. `source` is the name for
+    #: messages. `strength` is the length of corrected readings, which takes precedence over that in the file, in µT, or
+    #: in counts for a file in counts. With `which`, the function also takes ``compass``.
     read: Callable[..., Calibration]
     saved: str  #: files of the tool itself that can be read, in words
-    #: ``which(content, source, compass)`` returns number and device id of the compass that is read, of several
+    #: ``which(content, source, compass)`` returns number and device id of the compass that is read, if there are
+    #: several
     which: Callable[[bytes, str, int | None], tuple[int, int | None]] | None = None
-    #: ``states(content, source)`` returns lines on further statements in the file
+    #: ``states(content, source)`` returns lines about further contents of the file
     states: Callable[[bytes, str], list[str]] | None = None
 
     def sniff(self, head: bytes) -> bool:
-        """Whether the first bytes may be those of such a file."""
+        """Whether these first bytes may be those of such a file."""
         return re.search(self.mark, head) is not None
 
 
 class Limit(NamedTuple):
-    """A parameter with a limited range."""
+    """Range of a parameter."""
 
     name: str
-    quantity: str  # ``offset``, ``matrix``, ``scale`` (mean of its diagonal), or ``iron`` (matrix over scale)
-    places: tuple[int, ...]  # in row order; of several entries, the length is limited
+    quantity: str  # ``offset``, ``matrix``, ``scale`` (mean of its diagonal), or ``iron`` (matrix divided by scale)
+    places: tuple[int, ...]  # places in row order; if there are several, the length of the vector is limited
     low: float
     high: float
-    unit: float = 1.0  # µT in one unit of it
+    unit: float = 1.0  # µT per unit of the parameter
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Target:
     """One row of the table of targets."""
 
-    name: str  #: name for `find` and ``--to``
-    use: str  #: written form, for users
+    name: str  #: name for `find` and for ``--for``
+    use: str  #: what is written, in words for users
     suffix: str  #: suffix of such a file
-    title: str  #: title for users
+    title: str  #: name of the target for users
     formula: str  #: formula that uses the numbers
-    unit: str  #: of uncorrected readings: a name of `units`, ``own`` or ``recorded``
-    keeps: Keeps  #: its capacity; a key of `CAPACITY_WORDS`
+    unit: str  #: unit of uncorrected readings: a name of `units`, ``own`` or ``recorded``
+    keeps: Keeps  #: part of a calibration that it can represent; a key of `CAPACITY_WORDS`
     storage: str  #: format and range of stored numbers
     source: str  #: source of the formula
     #: ``write(calibration, asked)`` returns the calibration in the numbers of the target
     write: Callable[[Calibration, ExportOptions], Written]
-    group: TargetGroup = "other"  #: what a user has; a key of `GROUPS`
-    reader: TargetReader | None = None  #: reader of such a file, if it can be read back
-    acts: Acts = "recorded"  #: a key of `AXES_WORDS`
-    fed: bool = False  #: the surrounding program selects the readings that it corrects, which may be in vehicle axes
-    #: disturbances that it can hold: none, current or throttle (``motors``), or all
+    group: TargetGroup = "other"  #: what a user of this target has; a key of `GROUPS`
+    reader: TargetReader | None = None  #: reader of such a file; None if it cannot be read
+    acts: Acts = "recorded"  #: axes in which it corrects; a key of `AXES_WORDS`
+    #: whether the program around it selects the readings to correct, so that they may be in vehicle axes
+    fed: bool = False
+    #: disturbances that it can represent: none, current or throttle (``motors``), or all
     follows: Literal["", "motors", "all"] = ""
-    linearizes: bool = False  #: it can hold a linearization of axes
-    #: length of corrected readings, if the target defines it; empty if it is the calibration's
+    linearizes: bool = False  #: whether it can represent a linearization of axes
+    #: length of corrected readings, if the target defines it; empty if it is that of the calibration
     lengths: str = ""
-    gives: str = ""  #: unit of corrected readings, if it differs
-    #: unit for its errors, if that of the calibration is inappropriate for its steps
+    gives: str = ""  #: unit of corrected readings, if it is not that of uncorrected ones
+    #: unit in which its errors are stated, if that of the calibration is too coarse or too fine
     errors_in: str = ""
-    unverified: tuple[str, ...] = ()  #: unverified properties, a clause each
-    comment: Comment | None = HASH  #: None if the file cannot contain comments
-    docs: str = "targets.md"  #: page of the documentation
-    compasses: range | None = None  #: numbers of its compasses; with them it takes ``--compass``
-    named: bool = False  #: its names share a program with others, so that it takes ``--name``
-    mountings: MountingTable | None = None  #: its mountings; with them it takes ``--mounting``
+    unverified: tuple[str, ...] = ()  #: properties that no source confirms, a clause each
+    comment: Comment | None = HASH  #: syntax of comments; None if the file cannot contain comments
+    docs: str = "targets.md"  #: page of the docs that describes it
+    compasses: range | None = None  #: numbers of its compasses, for ``--compass``; None if it has just one
+    named: bool = False  #: whether its code shares a program with other code, so that it accepts ``--name``
+    mountings: MountingTable | None = None  #: mountings that it can set, for ``--mounting``; None if it sets none
     limits: tuple[Limit, ...] = ()  #: ranges of its parameters
-    inertial: InertialForm | None = None  #: form of an accelerometer and a gyro, if it holds them too
-    estimator: str = ""  #: an estimator that takes the noise of a compass; with one it takes ``--noise``
+    inertial: InertialForm | None = None  #: form of an accelerometer and a gyro, if it can represent them too
+    estimator: str = ""  #: estimator that uses the noise of a compass, for ``--noise``; empty without one
 
     @property
     def where(self) -> str:
-        """Axes in which it works, in words."""
+        """Words for the axes in which it corrects."""
         return AXES_WORDS[self.acts]
 
     @property
     def holds(self) -> str:
-        """Its capacity, in words."""
+        """Words for the part of a calibration that it can represent."""
         return CAPACITY_WORDS[self.keeps]
 
     @property
     def family(self) -> str:
-        """Common name of targets with the same numbers: ``adafruit`` of adafruit-eeprom."""
+        """Name that targets with the same numbers share: ``adafruit`` for adafruit-eeprom."""
         return self.name.partition("-")[0]
 
     @property
     def refuses_mounted(self) -> bool:
-        """Whether the target needs the sensor's own axes, as it acts before the mounting or is the mounting."""
+        """Whether it needs readings in the sensor's own axes, since it acts before the mounting or is the mounting."""
         return (self.acts == "recorded" and not self.fed) or self.keeps in MOUNTING_KINDS
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
+        """JSON-ready fields."""
         return {
             "group": self.group,
             "use": self.use,
@@ -276,16 +280,16 @@ class Target:
     def render(
         self, calibration: Calibration, *, about: Sequence[str] = (), asked: ExportOptions | None = None
     ) -> Export:
-        """Write a calibration for the target; `about`: remarks on its origin; parameters and errors as `tried`."""
+        """Write a calibration for the target; `about` are remarks on its origin; errors are those of `try_formula`."""
         return self.try_formula(calibration, asked=asked).export(about)
 
     def try_formula(self, calibration: Calibration, *, asked: ExportOptions | None = None) -> Trial:
         """Express a calibration in the numbers of the target, and check them with the target's own formula.
 
-        `asked`: the compass and other options. Raises `UnitError` if counts would have to be converted to a unit, or
-        vice versa; `NotExportable` for numbers that the target cannot hold, for a heading error above 0.5° due to
-        omitted parts unless it is accepted, and for readings in other axes than the target's; `UsageError` for a
-        compass that does not exist, or an invalid name.
+        `asked` has the compass and other options. `UnitError` is raised if counts would have to be converted to a unit,
+        or a unit to counts. `NotExportable` is raised for numbers that the target cannot represent, for a heading error
+        above 0.5° by omitted parts unless it is accepted, and for readings in axes other than the target's.
+        `UsageError` is raised for a compass that does not exist, and for an invalid name.
         """
         asked = asked or ExportOptions()
         given = calibration.frame
@@ -312,7 +316,7 @@ class Target:
         return Trial(self, plain, written, deviation, bool(lacks), warnings, turn)
 
     def _in_axes_of_target(self, calibration: Calibration, mounting: Floats | None) -> Calibration:
-        """The calibration in the sensor's own axes, if the target needs these; `NotExportable` if they are unknown."""
+        """Calibration in the sensor's own axes if the target needs them; `NotExportable` if they are not known."""
         if not self.refuses_mounted or calibration.frame != VEHICLE:
             return calibration
         if mounting is None:
@@ -320,7 +324,7 @@ class Target:
         return in_sensor_axes(calibration, np.asarray(mounting))
 
     def corrected(self, calibration: Calibration, apply: Callable[[Floats], Floats], directions: Floats) -> Floats:
-        """(N, 3) fields relative to their strength, as a formula in its units corrects readings in these directions."""
+        """(N, 3) fields relative to their strength, as a formula in the target's units corrects readings."""
         size, given = per_unit(calibration, self.unit, who=self.title), self._size_given(calibration)
         acts, relative = axes_of_action(self.acts, calibration), bool(self.lengths)
         return correct_fields(
@@ -330,7 +334,7 @@ class Target:
     def _measure_difference(
         self, calibration: Calibration, apply: Callable[[Floats], Floats], *, lacks: str, asked: ExportOptions
     ) -> Difference:
-        """Run the target's formula in its units, and raise `NotExportable` for a large error."""
+        """Run the target's formula in its units, and raise `NotExportable` if the error is large."""
         deviation = Difference.of(calibration, self.corrected(calibration, apply, DIRECTIONS))
         if lacks:
             takes_turn = calibration.rotation != "symmetric" and self.keeps not in MOUNTING_KINDS
@@ -341,11 +345,11 @@ class Target:
         return deviation
 
     def _size_given(self, calibration: Calibration) -> float:
-        """Size of one unit of a corrected reading, in the unit of the calibration."""
+        """Size of one unit of corrected readings, in the unit of the calibration."""
         return per_unit(calibration, self.gives or self.unit, who=self.title)
 
     def _disturbance_errors(self, calibration: Calibration, motor: Disturbance | None) -> Iterable[str]:
-        """Heading errors due to disturbances that a target does not follow."""
+        """Yield words for heading errors by disturbances that the target does not represent."""
         for disturbance in calibration.disturbances if self.follows != "all" else ():
             if motor is None or disturbance.name != motor.name:
                 yield words_of_unfollowed(
@@ -353,7 +357,7 @@ class Target:
                 )
 
     def _exceeds_capacity(self, calibration: Calibration, written: Written) -> bool:
-        """Whether the matrix exceeds the target's capacity, apart from a rotation in its mounting."""
+        """Whether the target cannot represent the matrix, apart from a rotation that its mounting contains."""
         if self.keeps in MOUNTING_KINDS:
             return written.is_partial
         turn = written.turn
@@ -374,7 +378,7 @@ class Target:
         return bool(np.abs(matrix - reduced).max() > exact * np.abs(matrix).max())
 
     def _warnings(self, deviation: Difference, lacks: str, fitting: str) -> Iterable[str]:
-        """Warnings on omitted and unverified parts."""
+        """Yield warnings about omitted parts and unverified properties."""
         if lacks:
             fitted = f"; a fit within its limits: {fitting}" if fitting and deviation.heading_deg > MAX_LOSS_DEG else ""
             yield (
@@ -385,13 +389,13 @@ class Target:
             yield f"not verified: {clause}"
 
     def _errors_in(self, calibration: Calibration) -> tuple[float, str]:
-        """The unit for errors: its size in that of the calibration, and its name."""
+        """Unit in which errors are stated: its size in the unit of the calibration, and its name."""
         if self.errors_in:
             return per_unit(calibration, self.errors_in, who=self.title), self.errors_in
         return 1.0, calibration.unit
 
     def as_figures(self, calibration: Calibration, deviation: Difference) -> dict[str, Any]:
-        """Errors of the target, for programs."""
+        """Errors of the target as numbers, for programs."""
         size, unit = self._errors_in(calibration)
         return {
             "vectors": len(DIRECTIONS),
@@ -403,7 +407,7 @@ class Target:
         }
 
     def checked(self, calibration: Calibration, deviation: Difference) -> str:
-        """Errors of the target, in words."""
+        """Words for the errors of the target."""
         size, name = self._errors_in(calibration)
         unit, scaled = unit_label(name), ", scaled," if self.lengths else ""
         return (
@@ -413,7 +417,7 @@ class Target:
         )
 
     def notes(self, calibration: Calibration) -> Iterable[str]:
-        """Remarks on the readings that the numbers are for, and on the corrected ones."""
+        """Yield remarks on the readings that the numbers are for, and on corrected readings."""
         if self.keeps in MOUNTING_KINDS:
             return
         if self.lengths:
@@ -426,7 +430,7 @@ class Target:
         yield from self._of_the_axes(calibration)
 
     def _of_the_axes(self, calibration: Calibration) -> Iterable[str]:
-        """Remarks on the axes of the readings, and on steps that remain after the correction."""
+        """Yield remarks on the axes of the readings, and on steps that are left to do after the correction."""
         if calibration.frame == VEHICLE:
             yield "for readings in the axes of the vehicle, after the mounting, as they were recorded"
             if axes_of_action(self.acts, calibration) == "recorded" and not calibration.axes.is_identity:
@@ -447,25 +451,25 @@ class Trial:
     """A calibration in the numbers of a target, with the errors of the target's own formula."""
 
     target: Target
-    plain: Calibration  #: with motors at rest, in the axes that the target corrects
+    plain: Calibration  #: calibration with motors at rest, in the axes that the target corrects
     written: Written
     difference: Difference
-    loses: bool  #: the target's capacity is less than the calibration
+    loses: bool  #: whether the target omits parts of the calibration
     warnings: tuple[str, ...]
-    #: (3, 3) from the axes that the target corrects to those of the given calibration; None if they are equal
+    #: (3, 3) from the axes that the target corrects to those of the given calibration; None if they are the same
     turn: Floats | None = None
 
     def corrected(self, directions: Floats) -> Floats:
         """(N, 3) fields relative to their strength, as the target corrects the sensor's readings in (N, 3) directions.
 
-        Both are in the axes of the given calibration.
+        Fields and directions are in the axes of the given calibration.
         """
         turn = np.eye(3) if self.turn is None else self.turn
         corrected: Floats = self.target.corrected(self.plain, self.written.apply, directions @ turn) @ turn.T
         return corrected
 
     def export(self, about: Sequence[str] = ()) -> Export:
-        """The file with its comments, `about` first, and its values for programs."""
+        """The file, with `about` as the first of its comments, and the numbers for programs."""
         target, plain, written = self.target, self.plain, self.written
         unit, checked = _unit_name(target.unit, plain), target.checked(plain, self.difference)
         notes = [*about, *target.notes(plain), *written.notes]
@@ -488,7 +492,7 @@ class Trial:
 
 
 def words_of_unfollowed(calibration: Calibration, disturbance: Disturbance, why: str) -> str:
-    """Message with the heading error if a disturbance is taken at its reference."""
+    """Message about the heading error if a disturbance is assumed to have its reference value."""
     cost = min(calibration.disturbance_deg(disturbance, dip_deg=DIP_DEG), 180.0)
     return (
         f"{why}: it is taken for {disturbance.text_of(disturbance.reference)}, and at "
@@ -498,12 +502,12 @@ def words_of_unfollowed(calibration: Calibration, disturbance: Disturbance, why:
 
 
 def _unit_name(unit: str, calibration: Calibration) -> str:
-    """Name of a target's unit for this calibration."""
+    """Name of a target's unit, for a calibration."""
     return {OWN: calibration.unit, RECORDED: calibration.raw.name}.get(unit, unit)
 
 
 def _error_words(worst: float, worst_deg: float, unit: str) -> str:
-    """Errors as text; negligible ones only as such, since they differ between machines."""
+    """Words for errors. Negligible errors are only called so, as their digits differ between machines."""
     if max(worst, worst_deg) < NEGLIGIBLE_ERROR:
         return f"less than {NEGLIGIBLE_ERROR} {unit} and {NEGLIGIBLE_ERROR}°"
     return f"at most {figures(max(worst, NEGLIGIBLE_ERROR))} {unit} and {figures(max(worst_deg, NEGLIGIBLE_ERROR))}°"

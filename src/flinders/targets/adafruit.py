@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 def write(calibration: Calibration, _asked: ExportOptions) -> Written:
-    """Write the file, with gyroscope and accelerometer uncorrected; a calibration in counts raises `UnitError`."""
+    """Write the file; the accelerometer and the gyro stay uncorrected. `UnitError` for a calibration in counts."""
     affine = Affine.of(calibration, "uT", who="SensorLab").single
     fields = {
         "mag_hardiron": [float(f"{value:.9g}") for value in affine.offset],

@@ -1,9 +1,8 @@
 """Code to compile: a C99 header in single precision or fixed point, an Arduino sketch, a MicroPython module.
 
-``corrected = A (raw − b)``: it takes readings as recorded and returns corrected ones in the axes of the calibration, so
-that A includes the mapping of axes. In single precision the recorded unit is converted to µT if it is known. In fixed
-point input and output are integers in the recorded unit: the entries of A have 15 or 31 bits, b is in units of 2⁻⁸ or
-2⁻⁴.
+``corrected = A (raw − b)``: raw readings are in the recorded axes and corrected ones in the axes of the calibration, so
+A includes the mapping of axes. In single precision the recorded unit is converted to µT if it is known. In fixed point,
+input and output are integers in the recorded unit: entries of A have 15 or 31 bits, and b is in units of 2⁻⁸ or 2⁻⁴.
 
 >>> from flinders.core.calibration import Calibration
 >>> calibration = Calibration(np.diag([1.25, 1.0, 0.8]), [120.4, -31.6, 7.0], 400.0)
@@ -68,30 +67,30 @@ class FixedPointFormat:
     """A fixed-point format."""
 
     name: str  #: ``Q15`` or ``Q31``
-    bits: int  #: of an entry of the matrix, including its sign
-    fraction: int  #: bits of the offset after the point
-    largest: int  #: readings are limited to the range from minus this, less one, to this
+    bits: int  #: number of bits of an entry of the matrix, including the sign
+    fraction: int  #: number of bits of the offset after the point
+    largest: int  #: readings are limited to the range from −largest − 1 to this
 
 
 Q15: Final = FixedPointFormat("Q15", 16, 8, 2**15 - 1)
 Q31: Final = FixedPointFormat("Q31", 32, 4, 2**23 - 1)
 
 DEFAULT_NAME: Final = "flinders"
-"""Default prefix of names in C."""
+"""Default prefix of names in C code."""
 
 
 @dataclass(frozen=True, slots=True)
 class FixedPoint:
-    """A correction in integers: ``(Σ entries (raw 2^f − offset) + half) >> (shift + f)``."""
+    """A correction in integers: ``(Σ entries (raw 2^f − offset) + half) >> (shift + f)``, f being `fraction`."""
 
     format: FixedPointFormat
-    entries: tuple[tuple[int, int, int], ...]  #: (3, 3): of the matrix, in units of 2^-shift
-    offset: tuple[int, ...]  #: (3,): in units of 2^-f, f the `fraction` of the format
-    shift: int  #: bits of an entry after the point: as many as the largest entry permits
+    entries: tuple[tuple[int, int, int], ...]  #: (3, 3): entries of the matrix, in units of 2^-shift
+    offset: tuple[int, ...]  #: (3,): offset, in units of 2^-f
+    shift: int  #: number of bits of an entry after the point: as many as the largest entry permits
 
     @classmethod
     def of(cls, calibration: Calibration, form: FixedPointFormat) -> Self:
-        """Round a calibration; a matrix or an offset beyond the range of the format raises `NotExportable`."""
+        """Round a calibration; `NotExportable` if a matrix or an offset is beyond the range of the format."""
         affine = Affine.of(calibration, RECORDED, who=WHO, acts="across")
         largest = float(np.abs(affine.matrix).max())
         shift = form.bits - 1 - max(math.floor(math.log2(largest)) + 1, 0) if largest > 0 else form.bits - 1
@@ -111,7 +110,7 @@ class FixedPoint:
         return cls(form, tuple(tuple(row) for row in entries.tolist()), offset, shift)
 
     def apply(self, field: ArrayLike) -> Floats:
-        """Correct readings as the code does, which rounds them first: (..., 3) to (..., 3), in the recorded unit."""
+        """Correct (..., 3) readings in the recorded unit as the code does, which rounds them first."""
         form, edge = self.format, self.format.largest
         read = np.clip(np.nan_to_num(np.rint(check_vectors(field, finite=False))), -edge - 1, edge).astype(np.int64)
         moved = (read << form.fraction) - np.array(self.offset, np.int64)
@@ -121,13 +120,13 @@ class FixedPoint:
 
 
 def single_precision(calibration: Calibration) -> Affine:
-    """(A, b) for readings in the recorded unit, as float32; corrected readings are in µT, or in counts."""
+    """A and b as float32 for readings in the recorded unit; corrected readings are in µT, or in counts."""
     affine = Affine.of(calibration, RECORDED, who=WHO, acts="across")
     return Affine(affine.matrix * calibration.raw.scale, affine.offset, calibration.field_strength).single
 
 
 def write_header(calibration: Calibration, asked: ExportOptions) -> Written:
-    """Write a header in single precision: ``flinders_correct(raw, corrected)``; headings need ``math.h``."""
+    """Write a header in single precision: ``flinders_correct(raw, corrected)``. Headings need ``math.h``."""
     name = name_prefix(DEFAULT_NAME, asked.name)
     reading = Reading("raw[{0}] - " + name + "_offset[{0}]", name + "_linear", C_CURVE)
     code = _fill_template(C_FLOAT, calibration, reading, name=name, constant=name.upper())
@@ -149,7 +148,7 @@ def write_sketch(calibration: Calibration, asked: ExportOptions) -> Written:
 
 
 def write_micropython(calibration: Calibration, asked: ExportOptions) -> Written:
-    """Write a module for MicroPython and CircuitPython, ``correct((x, y, z))``; headings need `math`."""
+    """Write a module for MicroPython and CircuitPython: ``correct((x, y, z))``. Headings need `math`."""
     reading = Reading("raw[{0}] - OFFSET[{0}]", "linear", MODULE_CURVE)
     code = _fill_template(MODULE, calibration, reading, suffix="", row="    ({}),")
     code = replace(code, body=[*code.body, *in_module(calibration)])
@@ -159,14 +158,14 @@ def write_micropython(calibration: Calibration, asked: ExportOptions) -> Written
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """Expressions of a language for a reading minus its offset, and for its linearization."""
+    """Expressions of a language for a reading minus its offset, and for the linearization of a reading."""
 
-    departure: str  # for axis {0}, named {1}
+    departure: str  # expression for the axis with the number {0} and the name {1}
     function: str
     curve: str  # text of that function, and its numbers
 
     def expressions(self, *, is_curved: bool) -> dict[str, str]:
-        """Expressions that are multiplied by the matrix."""
+        """Expressions by which the matrix is multiplied."""
         departures = [self.departure.format(axis, name) for axis, name in enumerate("xyz")]
         linear = [f"{self.function}({axis}, {each})" for axis, each in enumerate(departures)]
         return dict(zip("uvw", linear if is_curved else departures, strict=True))
@@ -175,7 +174,7 @@ class Reading:
 def _fill_template(
     text: str, calibration: Calibration, reading: Reading, *, suffix: str = "f", row: str = "    {{{}}},", **names: str
 ) -> Written:
-    """Code in single precision: a template with its names and numbers filled in."""
+    """Code in single precision: a template that is filled with names and numbers."""
     numbers, curve = single_precision(calibration), recorded_curve(calibration)
     given, result = calibration.raw.name, calibration.unit
     values = {"matrix": numbers.matrix, "offset": numbers.offset, "unit_in": given, "unit_out": result}
@@ -200,12 +199,12 @@ def _fill_template(
 
 
 def _apply(raw: Floats, *, numbers: Affine, curve: Linearization | None) -> Floats:
-    """Correct (..., 3) readings as the code does."""
+    """Correct (..., 3) readings, as the generated code does."""
     return numbers.apply(raw if curve is None else numbers.offset + curve.apply(raw - numbers.offset))
 
 
 def recorded_curve(calibration: Calibration) -> Linearization | None:
-    """The linearization of recorded axes in the recorded unit, as float32.
+    """Linearization of the recorded axes in the recorded unit, as float32; None without one.
 
     >>> from flinders.core.axes import Axes
     >>> from flinders.core.calibration import Calibration
@@ -234,7 +233,7 @@ def _add_gates(
     suffix: str = "f",
     **names: str,
 ) -> Written:
-    """Add functions that recognise a disturbed reading by strength and dip, if there are limits."""
+    """Append functions that recognise a disturbed reading by its strength and dip, if limits are known."""
     gates = asked.gates
     if gates is None:
         return code
@@ -255,7 +254,7 @@ def _add_gates(
 
 
 def signed_squares(gates: Gates) -> tuple[float, float]:
-    """sin x |sin x| at the limits of dip, for comparison without a square root; beyond ±1 without a limit.
+    """Values sin x |sin x| at both limits of the dip, compared without a square root; beyond ±1 without a limit.
 
     >>> signed_squares(Gates(strength_limit=2.5, dip_deg=60.0, dip_limit_deg=4.0))
     (0.687..., 0.808...)
@@ -267,7 +266,7 @@ def signed_squares(gates: Gates) -> tuple[float, float]:
 
 
 def gate_words(gates: Gates, unit: str) -> list[str]:
-    """Meaning of the limits of a clean reading.
+    """Words for the limits of an undisturbed reading.
 
     >>> print(*gate_words(Gates(strength_limit=2.5, dip_deg=60.0, dip_limit_deg=4.0), "uT"), sep=chr(10))
     a clean reading is off by more than 2.5 µT of strength at most once in 10,000 times where the field is that of the \
@@ -287,17 +286,17 @@ recording
 
 
 def write_q15(calibration: Calibration, asked: ExportOptions) -> Written:
-    """Write a header for 16-bit integer readings; numbers beyond their range raise `NotExportable`."""
+    """Write a header for 16-bit integer readings; `NotExportable` for numbers out of range."""
     return _write_fixed_point(calibration, Q15, "int16_t", asked)
 
 
 def write_q31(calibration: Calibration, asked: ExportOptions) -> Written:
-    """Write a header for 24-bit integer readings in 32 bits; raises as `write_q15`."""
+    """Write a header for 24-bit integer readings in 32 bits; `NotExportable` for numbers out of range."""
     return _write_fixed_point(calibration, Q31, "int32_t", asked)
 
 
 def _write_fixed_point(calibration: Calibration, form: FixedPointFormat, whole: str, asked: ExportOptions) -> Written:
-    """Code in integers; `round_to_integers` is the type of a reading."""
+    """Code in integers; `whole` is the C type of a reading."""
     code, name = FixedPoint.of(calibration, form), name_prefix(DEFAULT_NAME, asked.name)
     unit, places = calibration.raw.name, code.shift + form.fraction
     text = C_FIXED_POINT.format(

@@ -1,4 +1,4 @@
-"""Template sensors for ESPHome, which has no calibration of its own: ``A (m − b)`` of field_strength_x, _y and _z."""
+"""Template sensors for ESPHome, which itself has no calibration: ``A (m − b)`` of field_strength_x, _y and _z."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""The magnetometer model of x-io's Fusion, for C and Python, and in the form up to version 1.1.
+"""The magnetometer model of x-io's Fusion, for C and Python; also in the form up to version 1.1.
 
-From 1.2.0 on (September 2023) it is ``c = S (u − h)``. Up to 1.1 it was ``c = S u − h``, with h subtracted after the
-soft iron. Ours is corrected = W (raw − b), so
+From 1.2.0 on (September 2023) it is ``c = S (u − h)``. Up to 1.1 it was ``c = S u − h``: h is subtracted after the soft
+iron. A calibration is corrected = W (raw − b), so
 
     S = W,   h = W b   (up to 1.1),   h = b   (from 1.2)
 
@@ -65,12 +65,12 @@ def write_python(calibration: Calibration, _asked: ExportOptions) -> Written:
 
 
 def _model(calibration: Calibration) -> Affine:
-    """The model from 1.2 on, in the axes as recorded."""
+    """Matrix and offset of the model from 1.2 on, in the recorded axes."""
     return Affine.of(calibration, OWN, who="Fusion")
 
 
 def _constants(matrix: Floats, offset: Floats) -> tuple[list[str], dict[str, Floats]]:
-    """Matrix and offset in C, and by name."""
+    """Lines of C with matrix and offset, and both by name."""
     body = [
         "const FusionMatrix softIronMatrix = {",
         *(f"    {float32s(row, 'f')}," for row in matrix),

@@ -1,4 +1,4 @@
-"""A function for MATLAB and Octave: rows of readings, ``C = (D − b) A``, as for the results of magcal."""
+"""A function for MATLAB and Octave that corrects rows of readings, ``C = (D − b) A``, like the results of magcal."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def write(calibration: Calibration, asked: ExportOptions) -> Written:
-    """Write the function; A is transposed, as readings are rows. Results have the unit of the readings."""
+    """Write the function. A is transposed, since readings are rows; results have the unit of the readings."""
     affine = Affine.of(calibration, RECORDED, who="MATLAB and Octave", acts="across")
     rows = "; ".join(" ".join(f"{value:.17g}" for value in row) for row in affine.matrix.T)
     body = [

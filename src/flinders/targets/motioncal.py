@@ -1,7 +1,7 @@
-"""The 68 bytes that MotionCal sends and PJRC's and Adafruit's sketches store in EEPROM: ``c = W (0.1 counts − V)``.
+"""The 68 bytes that MotionCal sends, and PJRC's and Adafruit's sketches store in EEPROM: ``c = W (0.1 counts − V)``.
 
-V is the offset in µT, which is subtracted; W is symmetric, with determinant 1; B is the radius in µT. All are float32,
-little endian, with zeros for accelerometer and gyroscope and a CRC at the end.
+V is the offset in µT. W is symmetric and has the determinant 1. B is the radius in µT. All numbers are float32, little
+endian; those of accelerometer and gyroscope are 0, and a CRC is at the end.
 
 >>> from flinders.core.calibration import Calibration
 >>> from flinders.core.units import Unit
@@ -12,8 +12,8 @@ little endian, with zeros for accelerometer and gyroscope and a CRC at the end.
 >>> MotionCalPacket.decode(packet).affine.apply([10.0, -20.0, 80.0]).round(3)
 array([ 0.,  0., 40.])
 
-Source: PaulStoffregen/MotionCal, ``rawdata.c`` (send_calibration) and ``visualize.c``; the sketches of NXPMotionSense
-and Adafruit_Sensor_Calibration keep the same bytes.
+Source: PaulStoffregen/MotionCal, ``rawdata.c`` (send_calibration) and ``visualize.c``. The sketches of NXPMotionSense
+and Adafruit_Sensor_Calibration store the same bytes.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ SIGNATURE: Final = bytes((117, 84))
 LAYOUT: Final = struct.Struct("<2s16fH")
 POLYNOMIAL: Final = 0xA001
 BEFORE_OFFSET: Final = 6
-"""Count of floats for accelerometer and gyroscope, which MotionCal leaves at 0."""
+"""Number of floats for accelerometer and gyroscope, which MotionCal leaves at 0."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionCalPacket:
-    """Content of the packet for the magnetometer."""
+    """Content of the packet that concerns the magnetometer."""
 
     offset: Floats  #: (3,), µT: V, subtracted
     strength: float  #: µT: B, the length of corrected readings
@@ -50,7 +50,7 @@ class MotionCalPacket:
 
     @classmethod
     def of(cls, calibration: Calibration) -> Self:
-        """Scale the matrix to determinant 1, as MotionCal does, and round to float32; in the axes as recorded.
+        """Convert a calibration: the matrix is scaled to determinant 1, as MotionCal does; axes are those recorded.
 
         Raises
         ------
@@ -65,7 +65,7 @@ class MotionCalPacket:
 
     @classmethod
     def decode(cls, content: bytes, source: str = "packet") -> Self:
-        """Read the bytes.
+        """Read the packet from its bytes.
 
         Raises
         ------
@@ -88,7 +88,7 @@ class MotionCalPacket:
         return cls(own[:3], float(own[3]), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready: the packet as sent, and its values."""
+        """JSON-ready fields: the packet as sent, and its values."""
         sent = self.encode().hex()
         return {
             "packet": sent,  # the 68 bytes, hexadecimal
@@ -111,7 +111,7 @@ class MotionCalPacket:
 
 
 def symmetric_root(matrix: Floats) -> Floats:
-    """(3, 3) the symmetric S of W = R S with a rotation R, for targets with six numbers: S = (WᵀW)^½.
+    """(3, 3) symmetric S = (WᵀW)^½ of W = R S with a rotation R, for targets with six numbers.
 
     >>> turn = np.array([[0.8, -0.6, 0], [0.6, 0.8, 0], [0, 0, 1]])
     >>> symmetric_root(turn @ np.diag([2.0, 1.0, 0.5])).round(9)
@@ -146,7 +146,7 @@ def write(calibration: Calibration, _asked: ExportOptions) -> Written:
 
 
 def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
-    """Read a packet back; a `strength`, in µT, has priority over its B. Raises as `MotionCalPacket.decode`."""
+    """Read a packet; a `strength` in µT takes precedence over its B. Raises the errors of `MotionCalPacket.decode`."""
     return MotionCalPacket.decode(content, source).affine.to_calibration("uT", strength=strength)
 
 

@@ -1,8 +1,8 @@
 """The numbers as plain JSON or YAML: ``corrected = matrix (raw − offset)``, in the calibration's unit.
 
-Readings go in with the axes as recorded, and come out in those of the calibration. ``noise`` is the noise of corrected
-readings for a filter, if a fit states it (`flinders.targets._measurement_noise`).  For programs that need nothing else;
-`flinders` itself reads its own calibration files, which contain more.
+Raw readings have the recorded axes, corrected ones those of the calibration. ``noise`` is the noise of corrected
+readings for a filter, if a fit states it (`flinders.targets._measurement_noise`). The format is for programs that need
+nothing else; `flinders` reads its own calibration files, which contain more.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ def write_json(calibration: Calibration, asked: ExportOptions) -> Written:
 
 
 def write_yaml(calibration: Calibration, asked: ExportOptions) -> Written:
-    """Write YAML, with values in JSON syntax, which is valid YAML."""
+    """Write YAML whose values have the syntax of JSON, which is valid YAML."""
     correction, values = _values(calibration, asked)
     return Written(correction.apply, [f"{name}: {yaml_text(value)}" for name, value in values.items()], values)
 
 
 def _values(calibration: Calibration, asked: ExportOptions) -> tuple[Affine, dict[str, Any]]:
-    """The correction, and all written values by name."""
+    """The correction, and all values to write by name."""
     correction = Affine.of(calibration, OWN, who="plain JSON", acts="across")
     return correction, {
         "formula": FORMULA,
@@ -53,7 +53,7 @@ def _values(calibration: Calibration, asked: ExportOptions) -> tuple[Affine, dic
 
 
 def _disturbances(calibration: Calibration) -> dict[str, Any]:
-    """Disturbances of the offset, in the axes as recorded: ``offset + offset_per_unit (value - reference)``."""
+    """Disturbances of the offset in the recorded axes: ``offset + offset_per_unit (value - reference)``."""
     kinds = [one for one in calibration.disturbances if not is_column(one.name)]
     columns = {one.name: _disturbance(calibration, one) for one in calibration.disturbances if is_column(one.name)}
     drivers = {one.kind.key: _disturbance(calibration, one) for one in kinds}
@@ -61,7 +61,7 @@ def _disturbances(calibration: Calibration) -> dict[str, Any]:
 
 
 def _disturbance(calibration: Calibration, disturbance: Disturbance) -> dict[str, Any]:
-    """One disturbance; a column of states includes their words."""
+    """One disturbance; a column of states has its words too."""
     return {
         "offset_per_unit": shift_in_recorded_axes(calibration, disturbance).tolist(),
         "reference": disturbance.reference,
@@ -73,11 +73,11 @@ def _disturbance(calibration: Calibration, disturbance: Disturbance) -> dict[str
 
 
 def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
-    """Read the plain JSON back.
+    """Read the plain JSON.
 
-    `strength`, in the unit of the file: has priority over the field strength in it.
+    `strength`, in the unit of the file, takes precedence over the field strength in the file.
 
-    Raises `DocumentError` for another file, or missing numbers.
+    Raises `DocumentError` for any other file, and for missing numbers.
     """
     fields = load_object(content, source)
     unit, rows = fields.get("unit"), fields.get("matrix")

@@ -1,7 +1,7 @@
-"""The settings of RTIMULib: ``c = Corr ((m − off) scale − O)``, off and scale from the extremes of each axis, in µT.
+"""The settings of RTIMULib: ``c = Corr ((m − off) scale − O)`` in µT, off and scale by the extremes of each axis.
 
-With extremes of −R and +R on all axes, off is 0 and scale is 1, and O and Corr are offset and matrix. RTIMULib ignores
-them unless the extremes are valid too.
+With extremes of −R and +R on all axes, off is 0 and scale is 1, so that O is the offset and Corr the matrix. RTIMULib
+ignores O and Corr unless the extremes are valid too.
 
 >>> from flinders.core.calibration import Calibration
 >>> from flinders.core.units import Unit
@@ -16,7 +16,7 @@ compassCalCorr33=0.800000
 True
 
 Source: RTIMULib2, ``RTIMUSettings.cpp`` and ``RTIMU.cpp`` (calibrateAverageCompass). Readings are those after the
-driver's exchange of axes. Numbers have six decimals, and are read as single precision.
+driver has exchanged axes. Numbers have six decimals and are read in single precision.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ MATRIX_KEYS: Final = tuple(f"compassCalCorr{row}{column}" for row in (1, 2, 3) f
 
 
 def write(calibration: Calibration, _asked: ExportOptions) -> Written:
-    """Write the lines that replace those with the same names; a calibration in counts raises `UnitError`."""
+    """Write the lines that replace lines with the same names; `UnitError` for a calibration in counts."""
     affine = Affine.of(calibration, "uT", who="RTIMULib").decimals(PLACES)
     reach = max(round(affine.strength, PLACES), 10.0**-PLACES)
     extremes: dict[str, float] = {}
@@ -56,11 +56,11 @@ def write(calibration: Calibration, _asked: ExportOptions) -> Written:
 
 
 def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
-    """Read the settings back, with extremes and ellipsoid combined.
+    """Read the settings; extremes and ellipsoid are combined.
 
-    `strength`, µT: length of corrected readings; by default half of the largest range.
+    `strength` is the length of corrected readings in µT; by default half of the largest range.
 
-    Raises `DocumentError` if the extremes are not valid, or numbers are missing.
+    Raises `DocumentError` if the extremes are not valid or numbers are missing.
     """
     pairs = parse_pairs(decode_text(content, source), source)
     if pairs.get(VALID_KEY) != "true":
@@ -81,7 +81,7 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
 
 
 def _lines(values: dict[str, float]) -> list[str]:
-    """Names and numbers in the format of the file."""
+    """Names and numbers as lines of the file."""
     return [f"{name}={value + 0.0:.{PLACES}f}" for name, value in values.items()]
 
 

@@ -1,6 +1,6 @@
-"""Mounting of a sensor in a system, in the system's own setting: a device tree of Linux or Zephyr, Android, or code.
+"""Mounting of a sensor in the setting of a system: a device tree of Linux or Zephyr, Android, or code.
 
-All contain the rotation R from the sensor's axes to those of the body; the calibration is applied before it:
+Each contains the rotation R from the sensor's axes to those of the body. The calibration is applied before it:
 
     v = M m                         ``mount-matrix`` of Linux IIO: M = R, row by row, as nine strings
     m = R v                         Android's AINFO_SENSOR_PLACEMENT: the transpose of R, with a place in millimetres
@@ -47,11 +47,11 @@ if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
 
 PLACES: Final = 9
-"""Decimals of a matrix element."""
+"""Number of decimals of an element of a matrix."""
 NUMBER: Final = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 ROW: Final = rf"{NUMBER}\s*,\s*{NUMBER}\s*,\s*{NUMBER}"
 SYSFS: Final = rf"{ROW}\s*;\s*{ROW}\s*;\s*{ROW}"
-"""Format of a file in sysfs."""
+"""Format of the file in sysfs."""
 MARK: Final = rf"mount-matrix\s*=|\A\s*{SYSFS}\s*\Z"
 PROPERTY: Final = rf'mount-matrix\s*=\s*((?:"\s*{NUMBER}\s*"\s*,?\s*(?:/\*.*?\*/\s*)?){{9}});'
 ANDROID_NOTES: Final = (
@@ -68,12 +68,12 @@ ZEPHYR_NOTE: Final = (
 AXIS: Final = "SENSOR_AXIS_ALIGN_DT_"
 ALIGN_PATTERN: Final = re.compile(rf"axis-align-([xyz])(-sign)?\s*=\s*<\s*(?:{AXIS})?([XYZ]|POS|NEG|\d)\s*>")
 DEFAULTS: Final = {"x": "0", "y": "1", "z": "2", "x-sign": "2", "y-sign": "2", "z-sign": "2"}
-"""Default values of the properties."""
+"""Values of properties that a device tree leaves out."""
 VALUES: Final = {"X": 0, "Y": 1, "Z": 2, "NEG": 0, "POS": 2}
 
 
 def write_mount_matrix(calibration: Calibration, asked: ExportOptions) -> Written:
-    """Write the property of a device tree; for a mirrored sensor, a note quotes the requirements of the kernel."""
+    """Write the property of a device tree; for a mirrored sensor, a note quotes what the kernel requires."""
     placement = Placement.of(calibration, asked, who="mount-matrix")
     matrix = np.round(placement.rotation, PLACES)
     rows = [", ".join(f'"{plain(value)}"' for value in row) for row in matrix]
@@ -85,7 +85,7 @@ def write_mount_matrix(calibration: Calibration, asked: ExportOptions) -> Writte
 
 
 def _of_a_mirror(placement: Placement) -> Iterable[str]:
-    """Notes on a matrix with determinant −1."""
+    """Yield notes on a matrix with the determinant −1."""
     if not placement.is_mirror:
         return
     axis = placement.nearest_axes.mirrored_axis
@@ -96,9 +96,9 @@ def _of_a_mirror(placement: Placement) -> Iterable[str]:
 
 
 def read_matrix(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
-    """Read the property of a device tree, or of sysfs.
+    """Read the property of a device tree, or the file of sysfs.
 
-    Raises `DocumentError` for another text, and for a matrix that is no mounting.
+    Raises `DocumentError` for other text, and for a matrix that is not a mounting.
     """
     text = decode_text(content, source)
     found = re.search(PROPERTY, text, re.DOTALL)
@@ -110,7 +110,7 @@ def read_matrix(content: bytes, source: str, *, strength: float | None = None) -
 
 
 def write_android(calibration: Calibration, asked: ExportOptions) -> Written:
-    """Write the payload of AINFO_SENSOR_PLACEMENT in C++; raises `NotExportable` for a mirrored sensor."""
+    """Write the content of AINFO_SENSOR_PLACEMENT in C++; `NotExportable` for a mirrored sensor."""
     placement = Placement.of(calibration, asked, who="AINFO_SENSOR_PLACEMENT")
     placement.refuse_mirror("AINFO_SENSOR_PLACEMENT")
     back = round_to_single(placement.rotation.T)
@@ -121,7 +121,7 @@ def write_android(calibration: Calibration, asked: ExportOptions) -> Written:
 
 
 def read_android(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
-    """Read the twelve numbers; `DocumentError` for another text, and for a matrix that is no mounting."""
+    """Read the twelve numbers; `DocumentError` for other text, and for a matrix that is not a mounting."""
     text = decode_text(content, source)
     found = re.search(r"_placement\[12\]\s*=\s*\{([^}]*)\}", text)
     words = re.findall(NUMBER, found[1]) if found else []
@@ -131,7 +131,7 @@ def read_android(content: bytes, source: str, *, strength: float | None = None) 
 
 
 def write_zephyr(calibration: Calibration, asked: ExportOptions) -> Written:
-    """Write the properties of Zephyr's sensor-axis-align, which can also describe a mirrored sensor."""
+    """Write the properties of Zephyr's sensor-axis-align, which can describe a mirrored sensor too."""
     placement = Placement.of(calibration, asked, who="axis-align")
     axes, is_partial = _by_right_angles(placement)
     body = []
@@ -142,9 +142,9 @@ def write_zephyr(calibration: Calibration, asked: ExportOptions) -> Written:
 
 
 def read_zephyr(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
-    """Read the properties; missing ones have their defaults.
+    """Read the properties; a missing property has its default.
 
-    Raises `DocumentError` unless they name each axis once.
+    Raises `DocumentError` unless the properties name each axis once.
     """
     text = decode_text(content, source)
     given = {name + sign: value for name, sign, value in ALIGN_PATTERN.findall(text)}
@@ -160,7 +160,7 @@ def read_zephyr(content: bytes, source: str, *, strength: float | None = None) -
 
 
 def write_axes_code(calibration: Calibration, asked: ExportOptions) -> Written:
-    """Write a C function that swaps axes and signs, which can also describe a mirrored sensor."""
+    """Write a C function that exchanges axes and signs, which can describe a mirrored sensor too."""
     placement = Placement.of(calibration, asked, who="a mapping of axes in C")
     axes, is_partial = _by_right_angles(placement)
     name = name_prefix("magnetometer", asked.name)
@@ -179,7 +179,7 @@ def write_axes_code(calibration: Calibration, asked: ExportOptions) -> Written:
 
 
 def _by_right_angles(placement: Placement) -> tuple[Axes, bool]:
-    """The right-angled mounting that is written, and whether it is only the nearest one."""
+    """Right-angled mounting that is written, and whether it is just the nearest one to the actual mounting."""
     if placement.axes is not None:
         return placement.axes, False
     nearest = placement.nearest_axes
@@ -187,7 +187,7 @@ def _by_right_angles(placement: Placement) -> tuple[Axes, bool]:
 
 
 def _of_words(words: list[str], source: str, strength: float | None, *, is_transposed: bool = False) -> Calibration:
-    """The mounting of nine numbers, row by row."""
+    """Mounting with nine numbers, row by row."""
     names = [f"element {place}" for place in range(1, 10)]
     rows: Floats = numbers(dict(zip(names, words, strict=True)), names, source).reshape(3, 3)
     return to_calibration(rows.T if is_transposed else rows, source, strength=strength)

@@ -11,8 +11,8 @@ $VNWRG,23,1.2500000,0.0000000,0.0000000,0.0000000,1.0000000,0.0000000,0.0000000,
 >>> read(sentence.encode(), "line", strength=50.0).isclose(calibration)
 True
 
-Source: VN-100 user manual UM001, section 6.2.1: the twelve numbers are C row by row and B. Numbers are written with
-seven decimals, 0.01 nT; the device uses single precision.
+Source: VN-100 user manual UM001, section 6.2.1: the twelve numbers are C, row by row, and B. Numbers are written with
+seven decimals, which is 0.01 nT; the device uses single precision.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ if TYPE_CHECKING:
 PLACES: Final = 7
 NAMES: Final = (*(f"C{row}{column}" for row in range(3) for column in range(3)), "B0", "B1", "B2")
 SENTENCE_STARTS: Final = ("$VNWRG,23,", "$VNRRG,23,")
-"""Starts of the sentence that writes the register, and of the response to one that reads it."""
+"""Starts of two sentences: the one that writes the register, and the response to the one that reads it."""
 
 
 def write(calibration: Calibration, _asked: ExportOptions) -> Written:
-    """Write the sentence with its checksum; a calibration in counts raises `UnitError`."""
+    """Write the sentence with its checksum; `UnitError` for a calibration in counts."""
     register = Affine.of(calibration, "G", who="register 23").decimals(PLACES)
     values = ",".join(f"{value + 0.0:.{PLACES}f}" for value in (*register.matrix.ravel(), *register.offset))
     sentence = f"VNWRG,23,{values}"
@@ -45,7 +45,7 @@ def write(calibration: Calibration, _asked: ExportOptions) -> Written:
 
 
 def checksum(body: str) -> int:
-    """The exclusive or of all characters between ``$`` and ``*``.
+    """Exclusive or of all characters between ``$`` and ``*``.
 
     >>> f"{checksum('VNRRG,01'):02X}", f"{checksum('VNWRG,06,0'):02X}"
     ('72', '6C')
@@ -56,9 +56,9 @@ def checksum(body: str) -> int:
 def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
     """Read the sentence, or the device's response to ``$VNRRG,23``.
 
-    `strength`, µT: length of corrected readings, which the register does not contain; by default 50 µT.
+    `strength` is the length of corrected readings in µT, which the register does not contain; by default 50 µT.
 
-    Raises `DocumentError` for another sentence, or for a wrong or missing checksum.
+    Raises `DocumentError` for any other sentence, and for a wrong or missing checksum.
     """
     line = decode_text(content, source).strip()
     head = next((head for head in SENTENCE_STARTS if line.startswith(head)), None)

@@ -4,7 +4,8 @@
 >>> Affine(K, -b, 1.0).apply([0.8, 1.2, 5.4]).round(3)                  # the example of its own test
 array([ 1.647, -1.98 ,  9.899])
 
-Source: zscilib, ``src/orientation/fusion/calibration.c``. It works in any unit, in the precision of ``zsl_real_t``.
+Source: zscilib, ``src/orientation/fusion/calibration.c``. The function works in any unit, with the precision of
+``zsl_real_t``.
 """
 
 from __future__ import annotations

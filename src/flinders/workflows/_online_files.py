@@ -1,4 +1,4 @@
-"""Numbers of an online calibration in its file: by name, with NaN and infinity as words."""
+"""Numbers of an online calibration in its file: by name, with words for NaN and infinity."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 
 def record_from(saved: dict[str, Any]) -> Records:
-    """Record of the engine from its numbers by name; ValueError for numbers that this engine has not written.
+    """Record of the engine from its numbers by name; `ValueError` for numbers that this engine cannot have written.
 
-    Counts are checked, because the engine uses them as indices.
+    Counts are checked, since the engine uses them as indices.
     """
     record = empty_row(ONLINE)
     for name in ONLINE.names or ():
@@ -39,7 +39,7 @@ def json_of_record(values: Records) -> Any:  # noqa: ANN401 - JSON
 
 
 def json_of(content: Any) -> Any:  # noqa: ANN401 - JSON
-    """Content with words in place of NaN and infinity, which JSON does not have."""
+    """Content with words in place of NaN and infinity, which JSON cannot represent."""
     if isinstance(content, dict):
         return {name: json_of(value) for name, value in content.items()}
     if isinstance(content, list):
@@ -48,7 +48,7 @@ def json_of(content: Any) -> Any:  # noqa: ANN401 - JSON
 
 
 def numbers_from_json(values: Any) -> Any:  # noqa: ANN401 - a number or a list of them
-    """Numbers from JSON, with NaN and infinity in place of words."""
+    """Numbers from JSON, with NaN and infinity in place of their words."""
     return (
         [numbers_from_json(value) for value in values]
         if isinstance(values, list)

@@ -1,4 +1,4 @@
-"""Start of an online calibration from a fit, and its calibration in force as a fit."""
+"""Conversions between a fit and an online calibration: a fit as its start, and its calibration in force as a fit."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def fit_of(
     is_dip_assumed: bool,
     target_deg: float,
 ) -> Fit:
-    """Fit with the calibration in force and its claim by the engine."""
+    """Fit that consists of the calibration in force and of the claim by the engine."""
     error = HeadingError(float(claimed["rms_deg"]), float(claimed["worst_deg"]), dip_deg)
     claim = Claim(
         calibration,
@@ -54,7 +54,7 @@ def fit_of(
 
 
 def require_usable_start(start: Fit) -> None:
-    """Raise `UsageError` for a calibration that cannot be the start of an online calibration."""
+    """Raise `UsageError` for a fit with which an online calibration cannot start."""
     calibration = start.calibration
     why = (
         "is refused" if start.verdict == "refused"

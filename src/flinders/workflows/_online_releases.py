@@ -1,7 +1,7 @@
-"""State of an online calibration from another release, read by the names of its numbers.
+"""State of an online calibration that another release has saved, read by the names of its numbers.
 
-Kept are the calibrations with their covariance, noise, times, settings, and values learnt about the sensor and its
-places. Evidence is dropped, as its numbers are indices into the memory of that release.
+The calibrations are kept, with covariance, noise, times, settings, and the values that were learnt about the sensor and
+its places. Evidence is dropped: its numbers are indices into the memory of that release.
 
 >>> from flinders import OnlineCalibration, simulate
 >>> tumble = simulate.tumble(seed=1).samples
@@ -37,9 +37,9 @@ LEARNT_SIZES: Final = (
     "place", "scatter", "height_sigma", "moves", "moves_square", "watched", "rates", "probable_rates", "expected_walk",
     "expected_walk_sigma",
 )  # fmt: skip
-"""Names of learnt values that are not negative."""
-MIN_EIGENVALUE_RATIO: Final = 1e-9  # Largest size of negative eigenvalues of a covariance, relative to the largest
-# eigenvalue
+"""Names of learnt values, which are not negative, with the number of values of each."""
+MIN_EIGENVALUE_RATIO: Final = 1e-9
+"""Largest size of a negative eigenvalue of a covariance that counts as rounding, relative to the largest eigenvalue."""
 
 
 def is_of_this_release(saved: Mapping[str, Any], version: int) -> bool:
@@ -50,7 +50,7 @@ def is_of_this_release(saved: Mapping[str, Any], version: int) -> bool:
 def convert(saved: Mapping[str, Any]) -> Records:
     """Record of this release from numbers by name.
 
-    Raises ValueError unless they have a calibration, its covariance, noise and time.
+    Raises `ValueError` if the calibration, its covariance, its noise or its time is missing.
     """
     record = engine().make_online()
     for name in SETTINGS:
@@ -78,7 +78,7 @@ def convert(saved: Mapping[str, Any]) -> Records:
 
 
 def _covariance(saved: Mapping[str, Any]) -> Floats:
-    """(9, 9) covariance of the newest estimate, enlarged by the saved contradiction, which is not kept itself."""
+    """(9, 9) covariance of the newest estimate, enlarged by the saved contradiction, which is not kept by itself."""
     covariance = _required_numbers(saved, "latest_covariance", 81).reshape(9, 9)
     apart, unknown = _saved_numbers(saved, "apart", 3), _saved_numbers(saved, "apart_covariance", 9)
     if apart is not None and unknown is not None:
@@ -90,7 +90,7 @@ def _covariance(saved: Mapping[str, Any]) -> Floats:
 
 
 def _take(record: Records, saved: Mapping[str, Any], name: str) -> None:
-    """Copy a number, or several, into the record, if they are saved."""
+    """Copy one or several numbers into the record, if they are saved."""
     found = _saved_numbers(saved, name, record[name].size)
     if found is not None and not (name in LEARNT_SIZES and found.min() < 0.0):
         record[name] = found.reshape(record[name].shape)
@@ -103,7 +103,7 @@ def _saved_numbers(saved: Mapping[str, Any], name: str, size: int) -> Floats | N
 
 
 def _required_numbers(saved: Mapping[str, Any], name: str, size: int) -> Floats:
-    """(size,) required finite numbers; ValueError if they are missing."""
+    """(size,) finite numbers by name; `ValueError` if they are missing."""
     found = _saved_numbers(saved, name, size)
     if found is None:
         raise ValueError(f"it is of another release, without {name}")
@@ -111,7 +111,7 @@ def _required_numbers(saved: Mapping[str, Any], name: str, size: int) -> Floats:
 
 
 def _number(saved: Mapping[str, Any], name: str) -> int:
-    """A required whole number."""
+    """A whole number by name; `ValueError` if it is missing."""
     return int(_required_numbers(saved, name, 1)[0])
 
 
@@ -120,5 +120,5 @@ def _are_probabilities(values: Floats) -> bool:
 
 
 def _is_surface(parameters: Floats) -> bool:
-    """Whether offset and shape are those of an ellipsoid."""
+    """Whether nine parameters, offset and shape, are those of an ellipsoid."""
     return bool(np.linalg.eigvalsh(symmetric_matrix(parameters[3:]))[0] > 0.0)

@@ -1,4 +1,4 @@
-"""Calibration of an accelerometer alone, from still poses of the device, with the offset of a gyro if recorded.
+"""Calibration of an accelerometer alone, from still poses of the device; with the offset of a gyro, if recorded.
 
 >>> from flinders.core.samples import Samples
 >>> rng = np.random.default_rng(1)
@@ -43,23 +43,23 @@ if TYPE_CHECKING:
     from flinders.readers import AnySource
 
 MIN_STILL_SHARE: Final = 0.1
-"""Smallest share of readings in still poses; with less, the device was turned slowly and not put down."""
+"""Smallest share of readings in still poses. With less, the device was turned slowly and never put down."""
 GRAVITY_RANGE: Final = 9.7, 9.9
-"""m/s²: range of gravity on the ground, with a margin."""
+"""Range of gravity on the ground, with a margin, in m/s²."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class AccelerometerFit:
-    """A calibrated accelerometer, with the error of its vertical."""
+    """A calibrated accelerometer, with the error of the vertical that it measures."""
 
     inertial: Inertial  #: the correction of the accelerometer, and of a gyro if one was recorded
-    tilt_error: TiltError  #: of the vertical at rest, within the accelerometer's own axes
-    poses: int  #: count of still poses, or of readings if each counts as a pose
-    #: whether the device was put down; otherwise each reading counts as a pose, and the noise is that of the residuals
+    tilt_error: TiltError  #: error of the vertical that it measures at rest, in the accelerometer's own axes
+    poses: int  #: number of still poses, or of readings if each counts as a pose
+    #: whether the device was put down; otherwise each reading counts as a pose, and residuals give the noise
     is_still: bool
-    #: whether the poses determine the misalignment of the axes; else the claim includes 1 σ of 0.01 rad for it
+    #: whether the poses determine the angles between the axes; otherwise the claim includes 0.01 rad, 1 σ, for them
     sees_misalignment: bool
-    excess: float  #: ratio of residuals to the noise within poses, 1 σ
+    excess: float  #: rms residual divided by the noise within poses
     source: str  #: name of the recording
 
     def __repr__(self) -> str:
@@ -71,15 +71,15 @@ class AccelerometerFit:
         )
 
     def document(self, provenance: ProvenanceRecord | None = None) -> InertialDocument:
-        """Content of the file."""
+        """Content of the calibration file."""
         return replace(self.inertial, provenance=provenance).to_document()
 
     def save(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
-        """Write the file, completely or not at all; raises `OutputExists` for an existing file, unless `force`."""
+        """Write the calibration file, completely or not at all; `OutputExists` if the file exists, unless `force`."""
         write_text(inertial_record.dumps(self.document()), path, force=force)
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
+        """JSON-ready fields."""
         error = self.tilt_error
         return {
             "accelerometer": _as_dict(self.inertial.accelerometer),  # the correction, with 1 σ of each number
@@ -102,28 +102,28 @@ def calibrate_accelerometer(
 ) -> AccelerometerFit:
     """Calibrate offsets, gains and misalignment of an accelerometer from still poses, by the length of gravity.
 
-    Put the device down on each of its six sides for 2 s: that determines offsets and gains. Poses on edges and corners,
-    twelve or more in all, also determine the misalignment. Still spans are found in the readings. If there are none, as
-    of a device that was turned slowly, each reading counts as a pose.
+    Put the device down on each of its six sides for 2 s: this determines offsets and gains. Poses on edges and corners,
+    twelve or more in all, determine the misalignment too. Still spans are found in the readings. If there are none,
+    since the device was turned slowly, each reading counts as a pose.
 
     Parameters
     ----------
     source : path, file object, data frame or Samples
-        A recording; any that `flinders.open_recording` takes, with or without a magnetometer.
+        A recording in any form that `flinders.open_recording` reads, with or without a magnetometer.
     columns : str, optional
-        Names or numbers of the accelerometer's columns; by default recognised by their names.
+        Names or numbers of the accelerometer's columns; by default they are recognised by their names.
     gravity : float, m/s²
-        Gravity at the place; by default the standard 9.80665. An error of it, up to 0.5 %, changes all gains alike and
-        no tilt.
+        Gravity at the place; by default the standard 9.80665. A wrong value, by up to 0.5 %, changes all gains by the
+        same factor, and no tilt.
 
     Raises
     ------
     MissingPose
-        If the poses do not determine all offsets and gains; it states which side to turn up next.
+        If the poses do not determine all offsets and gains; the error states which side to turn up next.
     NoAccelerometer
         If no columns of an accelerometer are recognised.
     FitError
-        For readings that no offsets and gains bring to the length of gravity.
+        For readings that no offsets and gains can bring to the length of gravity.
     """
     length = STANDARD_GRAVITY if gravity is None else float(gravity)
     if not GRAVITY_RANGE[0] <= length <= GRAVITY_RANGE[1]:
@@ -138,9 +138,10 @@ def calibrate_accelerometer(
 
 
 def open_acceleration(source: AnySource, columns: str | None = None) -> tuple[Recording, bool]:
-    """Open a recording, and state whether its accelerometer is read as `field`, in place of a magnetometer.
+    """Open a recording, and tell whether its accelerometer is read as `field`, in place of a magnetometer.
 
-    Raises as `flinders.open_recording`, and `NoAccelerometer` if no columns of an accelerometer are recognised.
+    Raises the errors of `flinders.open_recording`, and `NoAccelerometer` if no columns of an accelerometer are
+    recognised.
     """
     if columns is None:
         columns = _columns_without_magnetometer(source)
@@ -148,7 +149,7 @@ def open_acceleration(source: AnySource, columns: str | None = None) -> tuple[Re
 
 
 def read_accelerations(recording: Recording, *, is_field: bool) -> Samples:
-    """Read a recording from `open_acceleration`, with the accelerometer as `acceleration`."""
+    """Read a recording of `open_acceleration`; the accelerometer is in `acceleration`."""
     samples = read_into_memory(recording)
     if is_field or (samples.nameless and samples.acceleration is None):
         return replace(samples, acceleration=samples.field)
@@ -162,7 +163,7 @@ def _read(source: AnySource, columns: str | None) -> Samples:
 
 
 def _columns_without_magnetometer(source: AnySource) -> str | None:
-    """Numbers of the accelerometer's columns in a table without a magnetometer; None if one is recognised."""
+    """Numbers of the accelerometer's columns in a table without a magnetometer; None for a table with one."""
     try:
         open_recording(source)
     except NoMagnetometer as error:
@@ -180,7 +181,7 @@ def _columns_without_magnetometer(source: AnySource) -> str | None:
 
 
 def _with_gyro(found: AccelerometerEstimate, poses: StillPoses | None, samples: Samples) -> AccelerometerFit:
-    """Result of an estimate, with the gyro's offset if one was recorded."""
+    """Result of an estimate, with the offset of the gyro if one was recorded."""
     gyro = None if samples.rate is None or poses is None else _gyro_offset(poses, samples.rate)
     inertial = Inertial(found.triad(), gyro, found.tilt_error, found.gravity)
     return AccelerometerFit(
@@ -195,13 +196,13 @@ def _with_gyro(found: AccelerometerEstimate, poses: StillPoses | None, samples: 
 
 
 def _gyro_offset(poses: StillPoses, rate: Floats) -> Triad | None:
-    """Offset of a gyro, its mean reading while the device is still; its gains stay 1 and unknown."""
+    """Offset of a gyro: its mean reading while the device is still. The gains stay 1, as they are not determined."""
     offset = poses.drift_of(rate)
     return None if offset is None else Triad(np.eye(3), offset[0], "rad/s", None, offset[1])
 
 
 def _as_dict(triad: Triad | None) -> dict[str, Any] | None:
-    """JSON-ready; None without a calibration."""
+    """JSON-ready fields; None without a calibration."""
     if triad is None:
         return None
     arrays = ("matrix", "matrix_sigma", "offset", "offset_sigma")
@@ -217,5 +218,5 @@ def is_inertial(path: str | os.PathLike[str]) -> bool:
 
 
 def read_inertial(path: str | os.PathLike[str]) -> Inertial:
-    """Read the calibration file of an accelerometer; raises `DocumentError`."""
+    """Read the calibration file of an accelerometer; `DocumentError` if it is not one."""
     return Inertial.from_document(inertial_record.read(path))

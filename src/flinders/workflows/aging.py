@@ -1,4 +1,4 @@
-"""Aging of a calibration: its claim at a later date, by the random walk of its offset.
+"""Ageing of a calibration: its heading error at a later date, by the random walk of its offset.
 
 >>> from datetime import UTC, datetime, timedelta
 >>> from flinders import simulate
@@ -34,39 +34,39 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class AgedCalibration:
-    """A calibration at a later date: its original claim, its claim then, and when the claim has doubled."""
+    """A calibration at a later date: its heading error at first and then, and when the error has doubled."""
 
     name: str  #: name of the calibration in messages
-    since: datetime  #: date of its recording, else of its file
-    at: datetime  #: date for which the claim is computed
+    since: datetime  #: date of the recording; without one, date of the file
+    at: datetime  #: date for which the heading error is computed
     until: GoodUntil  #: growth of the claim over time
 
     @property
     def seconds(self) -> float:
-        """Age at the date; 0 before the calibration was made."""
+        """Age of the calibration at the date, in s; 0 for a date before it was made."""
         return max((self.at - self.since).total_seconds(), 0.0)
 
     @property
     def claim_deg(self) -> float:
-        """Worst heading error at the date, 1 σ, by the middle rate of the walk."""
+        """Worst heading error at the date, 1 σ in degrees, by the median rate of the walk."""
         return self.until.claim_deg_after(self.seconds)
 
     @property
     def claim_range_deg(self) -> tuple[float, float]:
-        """Worst heading errors at the date, 1 σ, by the slow and the fast end of the walk."""
+        """Worst heading errors at the date, 1 σ in degrees, by the low and by the high end of the walk's rate."""
         walk = self.until.walk
         return self.until.claim_deg_after(self.seconds, walk.low), self.until.claim_deg_after(self.seconds, walk.high)
 
     @property
     def answer(self) -> Answer:
-        """``holds`` while the claim is within the target, then ``cannot-tell``, as age alone proves no fault.
+        """``holds`` while the heading error is within the target, then ``cannot-tell``: age alone proves no fault.
 
-        A claim that exceeded the target from the start ``holds`` until it has doubled.
+        If the error exceeded the target from the start, the answer is ``holds`` until the error has doubled.
         """
         return "holds" if self.seconds <= self.until.good_s else "cannot-tell"
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
+        """JSON-ready fields."""
         low, high = self.claim_range_deg
         return {
             "answer": self.answer,  # ``holds`` within the target, or until the claim has doubled; else ``cannot-tell``
@@ -85,21 +85,21 @@ class AgedCalibration:
 
 
 def age_of(fit: Fit, at: datetime, *, since: datetime | None = None, walk: Walk | None = None) -> AgedCalibration:
-    """Claim of a calibration at a later date, if nothing was moved.
+    """Heading error of a calibration at a later date, if nothing on the vehicle was moved.
 
     Parameters
     ----------
     at : datetime
         The date, with a time zone.
     since : datetime, optional
-        Start of the aging; by default the date of the recording in its file, else of the file.
+        Start of the ageing; by default the date of the recording in the calibration file, else the date of the file.
     walk : Walk, optional
-        As for `flinders.fitting.good_until.good_until`.
+        Random walk of the offset, as for `flinders.fitting.good_until.good_until`.
 
     Raises
     ------
     UsageError
-        For a calibration without a claim or without a date.
+        For a calibration without a claimed heading error, or without a date.
     """
     name, made = fit.provenance.name, since or recording_date(fit.provenance.record)
     until = good_until(fit, walk=walk)

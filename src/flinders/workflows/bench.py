@@ -1,4 +1,4 @@
-"""Addition of disturbances measured at rest, such as of a motor run up on a bench, to a calibration.
+"""Disturbances that were measured at rest, such as on a motor that is run up on a bench, added to a calibration.
 
 >>> from flinders.core.calibration import Calibration
 >>> from flinders.core.samples import Samples
@@ -39,11 +39,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bench:
-    """A calibration that follows disturbances measured on a bench."""
+    """A calibration with disturbances that were measured on a bench."""
 
     calibration: Calibration  #: the earlier calibration, with the disturbances
     still: StillSensor  #: the disturbances with their covariance, and the noise
-    residual_deg: dict[str, float]  #: heading error, 1 σ, from the uncertainty of each disturbance, at a dip of 60°
+    #: heading error, 1 σ in degrees, by the uncertainty of each disturbance, at a dip of 60°
+    residual_deg: dict[str, float]
     findings: tuple[Finding, ...]  #: limits of the disturbances
 
     def as_dict(self) -> dict[str, Any]:
@@ -60,16 +61,16 @@ class Bench:
 def fit_bench(source: AnyReadings, calibration: AnyCalibration, disturbances: Sequence[str]) -> Bench:
     """Measure the effect of disturbances on the offset of a sensor at rest, and add it to its calibration.
 
-    Run the disturbance up and down several times: a single step could also be a motion of the sensor.
+    Run the disturbance up and down several times, since a single step could also be a motion of the sensor.
 
     Parameters
     ----------
     source : Samples, Recording, path, open file, data frame, or list of these
         Readings of the sensor at rest with the columns of the disturbances, in the unit and axes of the calibration.
     calibration : Fit, Calibration or path
-        Calibration of this sensor without these disturbances; others that it follows are kept.
+        Calibration of this sensor without these disturbances. Other disturbances in it are kept.
     disturbances : sequence of str
-        ``current``, ``throttle`` or ``temperature``; ``current1`` and so on for single motors; or a column's name.
+        ``current``, ``throttle`` or ``temperature``; ``current1`` and so on for single motors; or the name of a column.
 
     Returns
     -------
@@ -79,7 +80,7 @@ def fit_bench(source: AnyReadings, calibration: AnyCalibration, disturbances: Se
     Raises
     ------
     NotTurned
-        If no disturbance explains the readings, or the sensor was turned: use `flinders.fit` then.
+        If no disturbance explains the readings, or if the sensor was turned; use `flinders.fit` for a turned sensor.
     InputError
         For a recording without these columns.
     UnitError, AxesError
@@ -98,13 +99,13 @@ def fit_bench(source: AnyReadings, calibration: AnyCalibration, disturbances: Se
 
 
 def _findings(result: StillSensor) -> tuple[Finding, ...]:
-    """Findings on the limits of disturbances measured on a bench."""
+    """Findings on the limits of disturbances that were measured on a bench."""
     of_columns = [finding for estimate in result.estimates for finding in column_findings(estimate)]
     return (*result.findings, *collinearity_findings(result.estimates), *noise_findings(result.estimates), *of_columns)
 
 
 def _residual_deg(result: StillSensor, calibration: Calibration, name: str) -> float:
-    """Worst heading error (1 σ, degrees) from the uncertainty of a disturbance, at the far end of its range."""
+    """Worst heading error, 1 σ in degrees, by the uncertainty of a disturbance, at the far end of its range."""
     place = [disturbance.name for disturbance in result.disturbances].index(name)
     disturbance = result.disturbances[place]
     block = result.covariance[3 * place : 3 * place + 3, 3 * place : 3 * place + 3]

@@ -1,4 +1,4 @@
-"""Check of a calibration on another recording, and the motion of its offset meanwhile.
+"""Check of a calibration on another recording, and estimate of the motion of its offset meanwhile.
 
 >>> from dataclasses import replace
 >>> from flinders import simulate
@@ -50,27 +50,28 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Check:
-    """A calibration compared with a fresh fit of another recording."""
+    """A calibration, compared with a new fit of another recording."""
 
-    known: Fit  #: the calibration, for compensated readings
-    fresh: Fit  #: fit of the recording; may be a refused fit
-    comparison: Comparison | None  #: comparison of both; None if the fresh fit cannot be used
-    refusal: Refused | None  #: why the fresh fit cannot be used
-    strength: LengthSums  #: of the recording, corrected with the calibration
-    fresh_strength: LengthSums | None  #: of the recording, corrected with the fresh fit
-    made_from: tuple[str, ...]  #: names of those recordings from which the calibration was made, which prove nothing
-    random_walk: RandomWalk | None  #: motion of the offset in the recording, if `follow`
-    #: findings on disturbances beyond the range of the calibration; None if it follows none
+    known: Fit  #: the calibration, in the form for compensated readings
+    fresh: Fit  #: new fit of the recording, which may be refused
+    comparison: Comparison | None  #: comparison of both; None if the new fit cannot be used
+    refusal: Refused | None  #: reason why the new fit cannot be used; None if it can
+    strength: LengthSums  #: lengths of the readings after correction with the calibration
+    fresh_strength: LengthSums | None  #: lengths of the readings after correction with the new fit
+    #: names of recordings that the calibration was made from: agreement with these proves nothing
+    made_from: tuple[str, ...]
+    random_walk: RandomWalk | None  #: motion of the offset within the recording, if `follow`
+    #: findings on disturbances beyond the range in the calibration; None if the calibration has no disturbances
     extrapolated: tuple[Finding, ...] | None
-    target_deg: float  #: worst heading difference that is good enough
-    dip_deg: float  #: inclination for the recording if it states no site
+    target_deg: float  #: largest acceptable heading difference in degrees
+    dip_deg: float  #: dip for the recording in degrees, if the recording states no site
 
     @property
     def answer(self) -> Answer:
-        """Whether the calibration holds, as `Comparison.answer`.
+        """Whether the calibration still holds, as in `Comparison.answer`.
 
-        It is also ``cannot-tell`` if the recording cannot be fitted, or if the calibration was made from it and does
-        not fail.
+        It is ``cannot-tell`` too if the recording cannot be fitted. If the calibration was made from the recording, the
+        answer is ``cannot-tell`` or ``fails``.
         """
         if self.comparison is None:
             return "cannot-tell"
@@ -78,7 +79,7 @@ class Check:
 
     @property
     def limiting(self) -> Finding | None:
-        """Finding of the fresh fit that prevents a decision; None with a decision, or if the other claim is wider."""
+        """Finding of the new fit that prevents a decision; None with a decision, or if the other claim is wider."""
         is_fresh = self.comparison is None or self.comparison.wider_claim == "b"
         limits = (each for each in self.fresh.findings if each.severity != "note")
         return next(limits, None) if self.answer == "cannot-tell" and is_fresh and not self.made_from else None
@@ -98,7 +99,7 @@ class Check:
         return f"Check({', '.join(parts)})"
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready; without the refusal of a recording that cannot be fitted."""
+        """JSON-ready fields, without the refusal of a recording that cannot be fitted."""
         strength, fresh = self.strength.as_dict(), json_of(self.fresh)
         if self.comparison is None or self.fresh_strength is None:
             return {
@@ -113,9 +114,9 @@ class Check:
             **self.comparison.as_dict(),
             "answer": self.answer,
             "residual": {"calibration": strength, "fresh": self.fresh_strength.as_dict()},
-            "own_recordings": list(self.made_from),  # recordings from which the calibration was made, which prove
-            # nothing code of the finding of the fresh fit that prevents a decision; null with a decision or without
-            # such a finding
+            # names of recordings that the calibration was made from: agreement with these proves nothing
+            "own_recordings": list(self.made_from),
+            # code of the finding of the `fresh` fit that prevents a decision; null with a decision or without a finding
             "limiting_finding": None if limiting is None else limiting.code,
             "fresh": fresh,
             **self._drift(self.comparison.heading_difference_deg.dip_deg),
@@ -125,7 +126,7 @@ class Check:
         return result
 
     def _drift(self, dip_deg: float) -> dict[str, Any]:
-        """Motion of the offset, JSON-ready."""
+        """JSON-ready fields for the motion of the offset."""
         walk = self.random_walk
         return {} if walk is None else {"drift": walk.as_dict(level_deg=self.target_deg, dip_deg=abs(dip_deg))}
 
@@ -142,39 +143,40 @@ def check(
 ) -> Check:
     """Fit a recording and compare an earlier calibration with the fit.
 
-    Turn the sensor through all directions, as for a calibration. With a level turn both are compared in its plane.
+    Turn the sensor through all directions, as for a calibration. Two calibrations are compared in the plane of a level
+    turn if the recording is one.
 
     Parameters
     ----------
     source : Samples, Recording, (N, 3) array-like, path, open file, data frame, or list of these but arrays
         Raw readings, as for `flinders.apply`; several recordings are fitted together.
     calibration : Fit, Calibration or path, optional
-        Calibration of this sensor. Without a stated uncertainty it counts as exact. By default the calibration that was
-        in force on board when the log was made.
+        Calibration of this sensor. If it states no uncertainty, it counts as exact. By default the onboard calibration
+        at the end of the log.
     target_deg : float, degrees
-        Worst heading difference that is good enough.
+        Largest acceptable heading difference.
     site : Site, optional
-        Site of the recording: headings are compared at its inclination. By default the fresh fit uses the site in the
-        log, and headings are compared at the dip of the calibration.
+        Site of the recording, at whose dip headings are compared. By default the new fit uses the site in the log, and
+        headings are compared at the dip of the calibration.
     at : mapping of str to float, optional
-        As for `flinders.apply`.
+        Values of disturbances, as for `flinders.apply`.
     follow : bool
-        Also estimate the motion of the offset within the recording, which needs times.
+        Also estimate the motion of the offset within the recording; this needs times.
 
     Returns
     -------
     Check
-        Answer, comparison and both fits; also if the fresh fit is refused.
+        Answer, comparison and both fits, even if the new fit is refused.
 
     Raises
     ------
     FitError
-        If the recording gives no fit at all, such as `TooFewSamples` and `Unmoved`; `NeedsSamples` without times for
-        `follow`.
+        If the recording gives no fit at all, such as `TooFewSamples` and `Unmoved`. `NeedsSamples` for `follow` without
+        times.
     NoOnboardCalibration
-        Without a calibration, for readings that state none in force.
+        If no calibration is given and the readings state no onboard calibration.
     InputError, UnitError, AxesError
-        As `flinders.apply`.
+        The errors of `flinders.apply`.
 
     Examples
     --------
@@ -209,7 +211,7 @@ def check(
 
 
 def _open_both(source: AnyReadings, calibration: AnyCalibration | None) -> tuple[Recording, Fit]:
-    """The recording in unit and axes of the calibration, and the calibration, by default the one on board."""
+    """The recording in the unit and axes of the calibration, and the calibration, by default the onboard one."""
     if calibration is None:
         recorded = source if hasattr(source, "blocks") else open_recording(source)
         return cast("Recording", recorded), onboard_fit(cast("Recording", recorded))
@@ -218,7 +220,7 @@ def _open_both(source: AnyReadings, calibration: AnyCalibration | None) -> tuple
 
 
 def _site_of(recorded: Recording, site: Site | None, dip_deg: float) -> Site:
-    """The given site, with an inclination; else the site in the log; else the inclination alone."""
+    """The given site with an inclination; else the site in the log; else a site with the inclination alone."""
     if site is not None:
         return replace(site, inclination_deg=dip_deg)
     (first, *others) = single_recordings(recorded)
@@ -227,7 +229,7 @@ def _site_of(recorded: Recording, site: Site | None, dip_deg: float) -> Site:
 
 
 def _extrapolation_findings(recorded: Recording, compensator: Compensator) -> tuple[Finding, ...] | None:
-    """Findings on disturbances beyond the range of a calibration; None if it follows none."""
+    """Findings on disturbances beyond the range in a calibration; None if the calibration has no disturbances."""
     calibration = compensator.calibration
     if not calibration.disturbances:
         return None
@@ -244,13 +246,13 @@ def _strength(calibration: Calibration, recording: Recording) -> LengthSums:
 
 
 def _walk_of(fresh: Fit, recording: Recording) -> RandomWalk:
-    """Motion of the offset within a recording, by the fit to it."""
+    """Motion of the offset within a recording, with the fit of that recording."""
     claim = fresh.claim
     return walk_through(recording, claim.ellipsoid, plane=claim.plane, dip_deg=claim.heading_error_deg.dip_deg)
 
 
 def _walk_under(known: Fit, recording: Recording, dip_deg: float) -> RandomWalk | None:
-    """Motion of the offset by the calibration, for a recording that cannot be fitted; None if undetermined."""
+    """Motion of the offset with the known calibration, for a recording without a fit; None if undetermined."""
     with contextlib.suppress(NeedsSamples, TooFewSamples):
         return walk_through(recording, known.calibration.ellipsoid, dip_deg=dip_deg, is_own=False)
     return None

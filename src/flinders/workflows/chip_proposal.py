@@ -1,8 +1,8 @@
-"""Proposal of unit and axes, from the name of a chip, or from counts, their steps and the strength of the field.
+"""Proposal of unit and axes by the name of a chip, or by counts: their steps and the field strength that they give.
 
-A name limits the candidates to the settings of one chip. Counts limit them to the settings of all chips that give a
-plausible strength of the earth's field and whose word length fits the readings. If several settings remain, all are
-listed and none is chosen. Nothing is applied.
+A name limits the candidates to the settings of one chip. Counts limit them to settings of any chip that give a
+plausible strength of the earth's field and whose word length fits the readings. If several settings remain, all of them
+are listed and none is chosen. A proposal is never applied.
 
 >>> turned = np.random.default_rng(1).normal(size=(500, 3))
 >>> readings = np.round(300 * turned / np.linalg.norm(turned, axis=1, keepdims=True))
@@ -33,48 +33,48 @@ if TYPE_CHECKING:
     from flinders.errors import Spelling
 
 MIN_READINGS: Final = 30
-"""Smallest count of different readings for a common step; with fewer it may be chance."""
+"""Smallest number of different readings for a common step; with fewer, a step may be a coincidence."""
 SITE_SHARE: Final = 0.25
-"""Largest relative difference of a strength from the field at a known place, with iron on board."""
+"""Largest relative difference between a strength and the field at a known place; iron on board makes a difference."""
 RANGE_FACTOR: Final = 1.6
-"""Largest reading over the stated range; the 12-bit words of the HMC5883L reach 1.45 times its ±1.3 G."""
+"""Largest ratio of a reading to the stated range; the 12-bit words of the HMC5883L reach 1.45 times its ±1.3 G."""
 REGISTER_BITS: Final = 16
-"""Assumed word length if no source states it."""
+"""Word length in bits that is assumed if no source states one."""
 MAX_OFFSET: Final = 12.0
-"""Largest offset by iron, in strengths of the field; the largest in our recordings is 6.6."""
+"""Largest offset by iron, in field strengths; the largest in our recordings is 6.6."""
 MAX_STEP_ERROR: Final = 0.05
-"""Largest mean distance of readings from multiples of a step, in steps; it is 0.25 for numbers without a step."""
+"""Largest mean distance of readings from multiples of a step, in steps. Numbers without a step have 0.25."""
 PRIMES: Final = (2, 3, 5, 7, 11, 13)
-"""Factors by which the step of readings may be larger than a count."""
+"""Factors by which the step of the readings may be larger than one count."""
 MAX_LISTED: Final = 6
-"""Largest count of steps in a sentence; the fields of a proposal have all."""
+"""Largest number of steps in a sentence; the fields of a proposal have all of them."""
 MAX_STRENGTHS: Final = 3
-"""Largest count of strengths in a sentence; of more only the smallest and the largest are stated."""
+"""Largest number of strengths in a sentence; of more, only the smallest and the largest are stated."""
 RIVALS: Final = ("HMC5883L", "QMC5883L")
-"""Chips that are sold as each other; the sentence states if only one of them explains the readings."""
+"""Two chips of which one is often sold as the other; a proposal of only one of them says so."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChipCandidate:
-    """A setting of a chip that explains readings."""
+    """A setting of a chip that explains the readings."""
 
     chip: str  # name of the chip
     setting: str  # name of the setting
     lsb_ut: float  # µT: one count of the chip
     scale: float  # µT: one unit of the recorded numbers
-    strength_ut: float | None  # µT: strength of the field; None if the coverage is too small
-    is_usual: bool  # whether it is the setting at power-up, or that of common drivers
+    strength_ut: float | None  # µT: field strength; None if the coverage is too small
+    is_usual: bool  # whether it is the setting after power-on, or that of common drivers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChipProposal:
-    """Chips that explain readings, with the proposed unit and axes."""
+    """Chips that explain the readings, with a proposal for unit and axes."""
 
-    chips: tuple[str, ...]  # names of the remaining chips, those of the same maker together
+    chips: tuple[str, ...]  # names of the chips that remain; those of one maker follow each other
     named_by: str  # source of the chip's name, such as the name of the file; empty if only counts are used
-    candidates: tuple[ChipCandidate, ...]  # remaining settings; empty if the recording states its unit
+    candidates: tuple[ChipCandidate, ...]  # settings that remain; empty if the recording states its unit
     unit: str  # proposed unit; empty for none
-    scale: float | None  # proposed µT per count; None if none or several remain
+    scale: float | None  # proposed µT per count; None if no setting or several settings remain
     axes: str  # proposed mapping of the axes; empty if unknown
     reason: str  # reason of the proposal, in words
     advice: str  # proposed arguments or options; empty for none
@@ -82,17 +82,17 @@ class ChipProposal:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChipEvidence:
-    """Evidence on the chip of some readings."""
+    """What is known about the chip behind some readings."""
 
     sample: Floats  # (N, 3) readings as recorded
     lowest: Floats  # (3,) smallest reading of each axis
     highest: Floats  # (3,) largest reading of each axis
     strength: float | None  # of the field, in the unit of the recorded numbers; None if the coverage is too small
-    unit: str = COUNTS  # stated unit of the recording
+    unit: str = COUNTS  # unit of the recording
     chips: tuple[Chip, ...] = ()  # chips that match a name
     named_by: str = ""  # source of that name
     site_ut: float | None = None  # µT: field at the place, if known
-    is_mapped: bool = False  # whether axes were mapped already, by an autopilot or on request
+    is_mapped: bool = False  # whether axes were mapped already, by an autopilot or by the user
 
     @classmethod
     def of(
@@ -105,7 +105,7 @@ class ChipEvidence:
         named_by: str = "",
         site_ut: float | None = None,
     ) -> Self:
-        """Create evidence with the ranges of (N, 3) readings."""
+        """Evidence with the ranges of (N, 3) readings."""
         return cls(
             sample=readings,
             lowest=readings.min(axis=0),
@@ -119,7 +119,7 @@ class ChipEvidence:
 
     @property
     def limits_ut(self) -> tuple[float, float]:
-        """Range of plausible strengths of the field, in µT."""
+        """Lowest and highest plausible field strength in µT."""
         if self.site_ut is None:
             return WIDE_EARTH_FIELD_RANGE_UT
         return (1 - SITE_SHARE) * self.site_ut, (1 + SITE_SHARE) * self.site_ut
@@ -139,7 +139,7 @@ def propose_chip(evidence: ChipEvidence, spell: Spelling = python_arguments) -> 
 
 
 def whole_step(readings: Floats) -> float | None:
-    """Step between different values of (N, 3) whole numbers; None for fractions, or for too few readings.
+    """Step between different values of (N, 3) whole numbers; None for fractions or for too few readings.
 
     >>> steps = np.random.default_rng(1).integers(-40, 40, (60, 3))
     >>> whole_step(steps * 1.0), whole_step(steps * 4.0), whole_step(steps * 0.5), whole_step(steps[:9] * 1.0)
@@ -152,7 +152,7 @@ def whole_step(readings: Floats) -> float | None:
 
 
 def is_in_steps(readings: Floats, step: float) -> bool:
-    """Whether (N, 3) readings are multiples of a step and of no larger one, except for rounding of the last digit.
+    """Whether (N, 3) readings are multiples of a step, and not of a larger one; the last digit may be rounded.
 
     >>> readings = np.round(np.random.default_rng(1).integers(-400, 400, (60, 3)) / 1090, 6)
     >>> is_in_steps(readings, 1 / 1090), is_in_steps(readings, 1 / 1370), is_in_steps(readings, 0.5 / 1090)
@@ -167,7 +167,7 @@ def _are_multiples(readings: Floats, step: float) -> bool:
 
 
 def _find_candidates(evidence: ChipEvidence, step: float, of: Iterable[Chip]) -> tuple[ChipCandidate, ...]:
-    """Settings of chips whose word length fits the readings and that give a plausible strength, if it is known."""
+    """Settings of chips whose word length fits the readings, and whose field strength is plausible if it is known."""
     low, high = evidence.limits_ut
     left = []
     for chip in of:
@@ -181,7 +181,7 @@ def _find_candidates(evidence: ChipEvidence, step: float, of: Iterable[Chip]) ->
 
 
 def _make_candidate(evidence: ChipEvidence, step: float, chip: Chip, setting: ChipSetting) -> ChipCandidate:
-    """Candidate of a setting, for which one step of the readings is one count."""
+    """Candidate for a setting, with one count per step of the readings."""
     mean_ut = (2 * setting.lsb_ut + (setting.lsb_z_ut or setting.lsb_ut)) / 3
     return ChipCandidate(
         chip=chip.name,
@@ -194,12 +194,12 @@ def _make_candidate(evidence: ChipEvidence, step: float, chip: Chip, setting: Ch
 
 
 def _is_usual(chip: Chip, setting: ChipSetting) -> bool:
-    """Whether a setting is that at power-up, or that of common drivers."""
+    """Whether a setting is the one after power-on, or that of common drivers."""
     return setting.is_usual or setting is chip.settings[0]
 
 
 def _holds_readings(evidence: ChipEvidence, step: float, chip: Chip, setting: ChipSetting) -> bool:
-    """Whether the word length of a setting fits the readings, and iron can explain their offset."""
+    """Whether the word length of a setting fits the readings, and iron can explain the offset of the readings."""
     low, high = evidence.lowest / step - setting.zero, evidence.highest / step - setting.zero
     word = 2.0 ** ((chip.bits or REGISTER_BITS) - 1)
     if setting.range_ut is not None:
@@ -212,7 +212,7 @@ def _holds_readings(evidence: ChipEvidence, step: float, chip: Chip, setting: Ch
 def _propose_by_name(
     evidence: ChipEvidence, left: Sequence[ChipCandidate], step: float, spell: Spelling
 ) -> ChipProposal:
-    """Proposal from the remaining settings of a named chip."""
+    """Proposal by the settings that remain of a named chip."""
     names = " or ".join(chip.name for chip in evidence.chips)
     strength, scale = evidence.strength, _common_scale(left)
     if strength is None:
@@ -238,7 +238,7 @@ def _propose_by_name(
 def _propose_by_counts(
     evidence: ChipEvidence, left: Sequence[ChipCandidate], step: float, spell: Spelling
 ) -> ChipProposal:
-    """Proposal of the chips whose counts give a plausible strength of the field."""
+    """Proposal by the chips whose counts give a plausible field strength."""
     low, high = evidence.limits_ut
     shown = [each for each in left if each.is_usual] or left
     groups = groupby(sorted(shown, key=lambda each: each.lsb_ut), key=lambda each: each.lsb_ut)
@@ -253,7 +253,7 @@ def _propose_by_counts(
 
 
 def _rival_words(evidence: ChipEvidence, left: Sequence[ChipCandidate], step: float) -> str:
-    """Reason why a chip is not among the candidates that is sold as one of them, in words; empty otherwise."""
+    """Words for why a chip that is sold as a candidate is not a candidate itself; empty without such a chip."""
     names = {each.chip for each in left}
     missing = [name for name in RIVALS if name not in names]
     if len(missing) != 1:
@@ -268,7 +268,7 @@ def _rival_words(evidence: ChipEvidence, left: Sequence[ChipCandidate], step: fl
 
 
 def _propose_by_fractions(evidence: ChipEvidence, spell: Spelling) -> ChipProposal | None:
-    """Proposal of a unit in which fractional steps are one count of a chip and the strength is plausible."""
+    """Proposal of a unit in which the step of fractions is one count of a chip, and the strength is plausible."""
     if evidence.strength is None or len(evidence.sample) < MIN_READINGS:
         return None
     low, high = evidence.limits_ut
@@ -306,13 +306,13 @@ def _propose_by_fractions(evidence: ChipEvidence, spell: Spelling) -> ChipPropos
 
 
 def _is_of_one_digit(step: float) -> bool:
-    """Whether a step is 1, 2 or 5 of a decimal place, as of numbers with few digits from any chip."""
+    """Whether a step is 1, 2 or 5 in one decimal place: numbers with few digits from any chip have such steps."""
     digit = step / 10.0 ** np.floor(np.log10(step) + 1e-9)
     return bool(np.any(np.isclose(digit, (1.0, 2.0, 5.0), rtol=1e-4)))
 
 
 def _propose_axes(evidence: ChipEvidence, spell: Spelling) -> ChipProposal:
-    """Proposal of axes for a named chip, for readings with a known unit."""
+    """Proposal of axes for a named chip, if the unit of the readings is known."""
     names = " or ".join(chip.name for chip in evidence.chips)
     reason = f"{evidence.named_by} names {names}; the readings are in {evidence.unit} already"
     return _make_proposal(evidence, (), unit="", scale=None, reason=reason, spell=spell)
@@ -327,7 +327,7 @@ def _make_proposal(
     reason: str,
     spell: Spelling,
 ) -> ChipProposal:
-    """Proposal with its advice."""
+    """Make a proposal, with its advice."""
     names = tuple(dict.fromkeys(each.chip for each in left)) or tuple(chip.name for chip in evidence.chips)
     mapped = find_chip(names[0]) if len(names) == 1 and not evidence.is_mapped else None
     rounded = None if scale is None else float(f"{scale:.6g}")
@@ -346,7 +346,7 @@ def _make_proposal(
 
 
 def _unit_advice(proposal: ChipProposal, spell: Spelling) -> str:
-    """Advice on the unit: the only scale, all of several scales, or to name the chip."""
+    """Advice on the unit: the scale, or each of several scales, or to name the chip."""
     if proposal.unit:
         return spell({"unit": proposal.unit, **({} if proposal.scale is None else {"scale": proposal.scale})})
     if not proposal.candidates:
@@ -359,12 +359,12 @@ def _unit_advice(proposal: ChipProposal, spell: Spelling) -> str:
 
 
 def _axes_advice(axes: str, chip: Chip | None, spell: Spelling) -> str:
-    """Advice on the mapping of axes, with the resulting axes; empty without a mapping."""
+    """Advice on the mapping of axes, with the axes that result; empty without a mapping."""
     return "" if chip is None or not axes else f"{spell({'axes': axes})} for {chip.axes_are}"
 
 
 def _common_scale(left: Sequence[ChipCandidate]) -> float | None:
-    """µT per count, if all candidates agree; else None."""
+    """µT per count if all candidates have the same; None otherwise."""
     scales = {each.scale for each in left}
     return scales.pop() if len(scales) == 1 else None
 
@@ -375,7 +375,7 @@ def _setting_words(candidate: ChipCandidate) -> str:
 
 
 def _strength_words(candidates: Sequence[ChipCandidate]) -> str:
-    """Words for the strengths by settings: one, a few, or the range."""
+    """Words for the field strengths of the settings: one, a few, or their range."""
     made = sorted(
         {figures(each.strength_ut or 0.0, 3): each.strength_ut or 0.0 for each in candidates}.items(),
         key=lambda each: each[1],

@@ -1,4 +1,4 @@
-"""Correction of recordings: compensated, filtered and corrected, in memory or block by block as a stream.
+"""Correction of recordings in memory or as a stream: disturbances compensated, readings filtered and corrected.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -43,11 +43,11 @@ PARAMETERS_ELSEWHERE: Final = {
         "flinders.open_recording",
     )
 }
-"""Parameters that the function to open a recording takes, for messages."""
+"""Parameters of the function that opens a recording, for messages about their wrong use."""
 
 
 class Smoother:
-    """Filter for a stream of samples, which replaces spikes by predictions."""
+    """Filter for a stream of samples; it replaces spikes by predicted readings."""
 
     def __init__(self, by: Filter) -> None:
         self._by, self._stream = by, by.start(centred=False)
@@ -57,7 +57,7 @@ class Smoother:
         return replace(samples, field=self._stream.push(samples.field, samples.time).field)
 
     def as_dict(self) -> dict[str, str | int | float]:
-        """JSON-ready."""
+        """JSON-ready fields."""
         return {
             "name": self._by.name,  # name of the filter
             "width": self._by.width,  # width in readings
@@ -75,14 +75,14 @@ class Smoother:
 
 @dataclass(frozen=True, slots=True)
 class Preparation:
-    """Compensation and filter of samples before their correction."""
+    """Changes of samples before their correction: disturbances are compensated and readings are filtered."""
 
     compensator: Compensator
     smoother: Smoother | None = None
 
     @property
     def is_identity(self) -> bool:
-        """Whether samples are not changed."""
+        """Whether samples stay unchanged."""
         return self.smoother is None and self.compensator.calibration.is_affine
 
     def __call__(self, samples: Samples) -> Samples:
@@ -91,11 +91,11 @@ class Preparation:
         return compensated if self.smoother is None else self.smoother(compensated)
 
     def findings(self) -> tuple[Finding, ...]:
-        """Findings on disturbances beyond the range of the calibration."""
+        """Findings on disturbances outside their range in the calibration."""
         return tuple(extrapolation_findings(self.compensator.calibration, self.compensator.beyond))
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready: the filter if there is one, and the findings if disturbances are followed."""
+        """JSON-ready fields: the filter, if any, and the findings, if the calibration has disturbances."""
         filtered = {} if self.smoother is None else {"filter": self.smoother.as_dict()}
         if not self.compensator.calibration.disturbances:
             return filtered
@@ -104,15 +104,15 @@ class Preparation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CorrectionSummary:
-    """Strength of corrected readings, and notes if they do not suit the calibration."""
+    """Lengths of corrected readings, with notes if the readings do not suit the calibration."""
 
-    strength: LengthSums  #: count of readings, mean strength and its spread
+    strength: LengthSums  #: number of readings, mean length and spread of the lengths
     notes: tuple[Note, ...]  #: reasons why readings do not suit the calibration; empty if they do
-    preparation: Preparation  #: effect of the filter, and disturbances beyond their range
+    preparation: Preparation  #: effect of the filter, and disturbances outside their range
     skipped: tuple[Skipped, ...]  #: lines or rows without a usable reading
 
     def as_dict(self, spell: Spelling = python_arguments) -> dict[str, Any]:
-        """JSON-ready."""
+        """JSON-ready fields."""
         return {
             "readings": self.strength.readings,  # count of corrected readings
             **self.strength.as_dict(),
@@ -141,12 +141,12 @@ class CorrectionStream:
     """A recording that is corrected block by block, with a `summary` of the readings so far."""
 
     recording: Recording
-    fit: Fit  #: calibration for compensated readings
+    fit: Fit  #: calibration, in the form for compensated readings
     preparation: Preparation
     corrector: CorrectionMonitor = field(init=False)
 
     def __post_init__(self) -> None:
-        """Start without readings."""
+        """Set up the correction, without readings so far."""
         object.__setattr__(self, "corrector", CorrectionMonitor(self.fit, self.recording.source))
 
     @classmethod
@@ -158,7 +158,7 @@ class CorrectionStream:
         at: Mapping[str, float] | None = None,
         by: Filter | None = None,
     ) -> Self:
-        """Start with a recording in the unit and axes of a fit; `at` and `by` as for `apply`."""
+        """Correction of a recording in the unit and axes of a fit; `at` and `by` are those of `apply`."""
         affine, compensator = compensation_at(fit, at)
         return cls(recording, affine, Preparation(compensator, None if by is None else Smoother(by)))
 
@@ -173,7 +173,7 @@ class CorrectionStream:
         return replace(prepared, field=self.corrector(prepared.field))
 
     def blocks(self) -> Iterator[Samples]:
-        """Yield corrected blocks; empty ones are left out."""
+        """Yield the corrected blocks; empty blocks are left out."""
         for block in self.recording.blocks():
             if len(block):
                 yield self.correct(block)
@@ -185,13 +185,13 @@ class CorrectionStream:
 
     @property
     def encoding(self) -> str:
-        """Encoding of `lines`: that of the source if it is text, else UTF-8."""
+        """Text encoding of `lines`: that of the source if the source is text, else UTF-8."""
         return self.recording.layout.encoding if isinstance(self.recording, TextRecording) else "utf-8"
 
     def lines(self, *, add: bool = False) -> Iterator[str]:
-        """Yield the lines of a table with corrected readings, with line ends.
+        """Yield the lines of a table with corrected readings, each with its line end.
 
-        A text keeps its lines, columns and delimiter; a part of a text, or another format, becomes comma-separated
+        A text keeps its lines, columns and delimiter. A part of a text, or another format, becomes comma-separated
         text.
 
         Parameters
@@ -226,7 +226,8 @@ class CorrectionStream:
 class CorrectedRecording:
     """A corrected recording."""
 
-    samples: Samples  #: with the corrected field, in the calibration's unit and axes, and all other columns
+    #: samples with the corrected field, in the unit and axes of the calibration, and with all other columns
+    samples: Samples
     summary: CorrectionSummary
 
     def __repr__(self) -> str:
@@ -243,18 +244,18 @@ def apply(
 ) -> CorrectedRecording:
     """Correct a recording, and test whether it suits the calibration.
 
-    `Calibration.apply` only corrects an array: this function also compensates recorded disturbances, filters, and tests
-    the strength of the corrected readings.
+    `Calibration.apply` only corrects an array. This function also compensates recorded disturbances, filters readings,
+    and tests the length of corrected readings.
 
     Parameters
     ----------
     source : Samples, Recording, (N, 3) array-like, path, open file or data frame
-        Raw readings in the unit and axes of the calibration; a file is read in these. Of a log or table of several
-        magnetometers the one of the calibration is read.
+        Raw readings in the unit and axes of the calibration; a file is read in these. If a log or table has several
+        magnetometers, the one that the calibration is for is read.
     calibration : Fit, Calibration or path
-        Of this sensor.
+        Calibration of this sensor.
     at : mapping of str to float, optional
-        Values of disturbances by name, in place of recorded ones: ``{"current": 12.5}`` (A), ``throttle`` (0 to 1),
+        Values of disturbances by name, which replace recorded ones: ``{"current": 12.5}`` (A), ``throttle`` (0 to 1),
         ``temperature`` (°C).
     by : Filter or str, optional
         A filter, such as ``"median:7"``; its output is delayed by half of its width.
@@ -267,8 +268,8 @@ def apply(
     Raises
     ------
     InputError
-        For readings of another sensor or unit, whose corrected length is wrong by more than a factor of three; for a
-        recording without the columns of a disturbance that the calibration follows.
+        For readings of another sensor or unit, whose corrected length is wrong by more than a factor of three. For a
+        recording that lacks the column of a disturbance in the calibration.
     UnitError, AxesError
         For a recording in another unit or other axes than the calibration.
 

@@ -1,4 +1,4 @@
-"""Export of a calibration to a target, with its origin, its limits, and the number of the vehicle's compass.
+"""Export of a calibration to a target, with origin, limits, and the number of the vehicle's compass.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -39,18 +39,18 @@ class Exported(ShortRepr):
     """A calibration in the format of a target, with notes."""
 
     export: Export  #: content of the file, its numbers, their rounding errors, and warnings
-    compass: tuple[str, ...]  #: sentences on the compass of the vehicle; empty if it was requested or is unknown
+    compass: tuple[str, ...]  #: sentences on the vehicle's compass; empty if the user named it or it is unknown
     limits: tuple[str, ...]  #: limits of the calibration, in words
 
     @property
     def text(self) -> str:
-        """Content of the file; of a binary file a description."""
+        """Content of the file; for a binary file, a description."""
         return self.export.text
 
     def save(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
         """Write the file, completely or not at all.
 
-        Raises `OutputExists` if there is a file already, unless `force`; `OutputError` if it cannot be written.
+        Raises `OutputExists` if the file exists, unless `force`, and `OutputError` if the file cannot be written.
         """
         if self.export.data is None:
             write_text(self.export.text, path, force=force)
@@ -73,37 +73,37 @@ def export(
 ) -> Exported:
     """Export a calibration to a target (an autopilot, a device, a program), with the claim of its fit.
 
-    Comments state origin, claim and limits, code gets limits to detect disturbed readings, and on a vehicle the
-    recorded compass is addressed.
+    Comments state origin, claim and limits. Code contains limits by which disturbed readings are detected. On a
+    vehicle, the parameters are those of the compass that was recorded.
 
     Parameters
     ----------
     calibration : Fit, Calibration, Inertial or path
-        A refused calibration is not exported. The calibration of an accelerometer, or its file, is exported alone.
+        Calibration; a refused one is not exported. A calibration of an accelerometer, or its file, is exported alone.
     target : str
         One of `flinders.targets.registry`, such as ``"arduino"``, ``"esphome"``, ``"c"``.
     compass : int, optional
-        Number of the compass of the vehicle; by default that of the log.
+        Number of the vehicle's compass; by default that in the log.
     mounting : str, optional
-        Mounting of the compass when it was recorded, in the autopilot's words; by default that in its log.
+        Mounting of the compass at the time of the recording, in the autopilot's words; by default that in the log.
     name : str, optional
         Prefix of names in code.
     lossy : bool
-        Export also if parameters that the target cannot hold cause more than 0.5° of heading or tilt error.
+        Export even if parameters that the target cannot represent cause more than 0.5° of heading or tilt error.
     sensors : sequence of str
-        ``accelerometer``, ``gyro``: also export their calibration by a fit with aiding sensors.
+        ``accelerometer``, ``gyro``: also export the calibration of these, from a fit with aiding sensors.
     imu : int, optional
-        Number of the IMU of the vehicle; by default its first.
+        Number of the vehicle's IMU; by default the first.
     noise : bool
         Also export the heading error as parameters of the vehicle's estimator (EKF2 of PX4, EKF3 of ArduPilot).
 
     Raises
     ------
     NotExportable, UnitError
-        If the target cannot hold the calibration; for a refused calibration, or one from readings as logged.
+        If the target cannot represent the calibration; for a refused calibration, or one from readings as logged.
     UsageError
-        For an unknown target, or a compass, mounting or name that it does not take; for a calibration of several
-        compasses without `compass`.
+        For an unknown target; for a compass, mounting or name that the target does not accept; for a calibration of
+        several compasses without `compass`.
 
     Examples
     --------
@@ -129,9 +129,9 @@ def export(
 
 
 def measurement_noise(calibration: AnyCalibration) -> MeasurementNoise | None:
-    """Measurement noise of corrected readings for a filter: white noise, and the remaining error of the calibration.
+    """Measurement noise of corrected readings for a filter: white noise, and the error that the calibration leaves.
 
-    None if the calibration states no noise or no uncertainty, as an imported calibration.
+    None if the calibration states no noise or no uncertainty, such as an imported one.
 
     Parameters
     ----------

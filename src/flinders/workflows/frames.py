@@ -1,4 +1,4 @@
-"""Correction of a data frame: the same frame with corrected columns, and with headings.
+"""Correction of a data frame: a copy of the frame with corrected columns, and optionally with headings.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from flinders.readers._asked_columns import AnyColumns
 
 OPTIONS: Final = ("columns", "heading", "level")
-"""Options for a frame, which are suggested for misspelled keywords."""
+"""Options for a frame, which are suggested for mistyped keywords."""
 
 HEADING_COLUMN: Final = "heading_deg"
 """Name of the column of headings, as in the output of `flinders headings`."""
@@ -54,7 +54,7 @@ def correct_frame(
 ) -> Any:  # noqa: ANN401
     """Correct the magnetometer's columns of a frame; parameters and errors are those of `Calibration.apply`.
 
-    `given` are values of disturbances, which are refused, as a frame has them as columns.
+    `given` are values of disturbances. They are refused, since a frame has them as columns.
     """
     if names := [name for name, values in (given or {}).items() if values is not None]:
         for name in names:
@@ -85,7 +85,7 @@ def _headings(table: TableRecording, fit: Fit, *, level: bool) -> Floats:
 
 
 def _usable_rows(table: TableRecording) -> NDArray[np.bool_]:
-    """(N,) whether a row is a usable reading, as in `Samples.recorded`."""
+    """(N,) booleans: whether a row is a usable reading, as in `Samples.recorded`."""
     fields = [table.columns.readings(values.T) for values in table.table.rows(table.columns.cells)]
     field = np.concatenate(fields)
     usable: NDArray[np.bool_] = np.isfinite(field).all(axis=1) & ~find_silent(field)
@@ -93,14 +93,14 @@ def _usable_rows(table: TableRecording) -> NDArray[np.bool_]:
 
 
 def _expand(values: Floats, is_usable: NDArray[np.bool_]) -> Floats:
-    """(N,) or (N, 3) values for all rows from those of the usable rows; NaN in the others."""
+    """(N,) or (N, 3) values for all rows, from those of the usable rows; NaN in other rows."""
     whole = np.full((len(is_usable), *values.shape[1:]), np.nan)
     whole[is_usable] = values
     return whole
 
 
 def _output_columns(frame: Any, names: tuple[str, ...], field: Floats) -> dict[Any, Floats]:  # noqa: ANN401
-    """Columns for (N, 3) corrected readings: three, or one with three parts."""
+    """Columns for (N, 3) corrected readings: three columns, or one column with three components."""
     labels = labels_of(frame)
     if all(name in labels for name in names):
         return {labels[name]: column for name, column in zip(names, field.T, strict=True)}

@@ -1,4 +1,4 @@
-"""Notes on headings: their site, the tilt of a level sensor, an accelerometer that does not suit.
+"""Notes on headings: the site, the tilt of a sensor that should be level, an accelerometer that does not fit.
 
 >>> from flinders.heading.compass import Compass, HeadingSums
 >>> from flinders.core.calibration import Calibration
@@ -28,45 +28,48 @@ if TYPE_CHECKING:
     from flinders.heading.error_propagation import HeadingError
 
 MAX_DIP_DIFFERENCE_DEG: Final = 3.0
-"""Largest difference between the measured dip and that of the model without a note."""
+"""Largest difference in degrees between the measured dip and that of the model that causes no note."""
 
 MAX_ACCELERATED_SHARE: Final = 0.05
-"""A note is given if a larger share of the readings has an acceleration other than gravity."""
+"""Largest share of readings with an acceleration other than gravity that causes no note."""
 
 MIN_VERTICAL_SHARE: Final = 0.2
-"""Smallest share of the field along z at which its sign shows whether z is up."""
+"""Smallest vertical share of the field for which the sign of z shows whether z points up."""
 
 DipSource = Literal["given", "calibration", "model", "measured", "assumed"]
 
 
 @dataclass(frozen=True, slots=True)
 class HeadingClaim:
-    """Expected heading errors, 1 σ, at the dip of the site."""
+    """Expected heading errors, 1 σ in degrees, at the dip of the site."""
 
-    dip_deg: float  #: dip of the field for these errors, positive downwards
+    dip_deg: float  #: dip of the field for which these errors hold, positive downwards
     dip_source: DipSource  #: source of the dip
-    level: HeadingError | None = None  #: of a level vehicle; None if the calibration states no uncertainty
-    bound_95_deg: float | None = None  #: 95 % bound at all headings of a level vehicle
-    tilted: HeadingError | None = None  #: at the tilt that 95 % of the readings do not exceed; None below 1°
-    tilt_error_deg: float | None = None  #: error from the accelerometer; None if none was used
-    mounting_error_deg: float | None = None  #: error of the rotation into the body; None if not stated
+    #: heading error of a level vehicle; None if the calibration states no uncertainty
+    level: HeadingError | None = None
+    bound_95_deg: float | None = None  #: 95 % bound for all headings of a level vehicle
+    #: heading error at the tilt that 95 % of the readings do not exceed; None for a tilt below 1°
+    tilted: HeadingError | None = None
+    tilt_error_deg: float | None = None  #: heading error by the accelerometer; None if none was used
+    #: heading error by the rotation into the body; None if the rotation is not stated
+    mounting_error_deg: float | None = None
 
 
 def heading_notes(
     voyage: HeadingSums, compass: Compass, site: SiteField | None, claim: HeadingClaim, doubts: Sequence[Note] = ()
 ) -> tuple[Note, ...]:
-    """Notes on limits of headings, and other notes on them.
+    """Notes on the limits of headings, and other notes on headings.
 
     Parameters
     ----------
     doubts : sequence of Note
-        Reasons why the readings do not suit their calibration; a level sensor's field is not tested then.
+        Reasons why the readings do not suit the calibration; with any, the field of a level sensor is not tested.
     """
     return tuple(_notes(voyage, compass, site, claim, doubts))
 
 
 def is_tilted(voyage: HeadingSums, claim: HeadingClaim) -> bool:
-    """Whether the vertical field of a sensor that should be level varies; False for a calibration by a level turn."""
+    """Whether the vertical field of a level sensor varies, as in a tilt; False if calibrated by a level turn."""
     return voyage.frames.is_foreign and claim.dip_source != "calibration"
 
 
@@ -96,7 +99,7 @@ def _level_notes(voyage: HeadingSums, claim: HeadingClaim) -> Iterator[Note]:
 
 
 def _is_z_up(voyage: HeadingSums, claim: HeadingClaim) -> bool:
-    """Whether the vertical field of a level sensor has the opposite sign to the expected one."""
+    """Whether the vertical field of a level sensor has the wrong sign, as it does if z points up."""
     seen, scatter = voyage.frames.dip()
     if claim.dip_source == "calibration":  # a level turn, in which the vertical field is not observed
         return False
@@ -115,7 +118,7 @@ def _tilted_notes(voyage: HeadingSums, compass: Compass, site: SiteField | None,
 
 
 def _dip_notes(voyage: HeadingSums, turned: Axes, site: SiteField | None, claim: HeadingClaim) -> Iterator[Note]:
-    """Notes from the dip on iron, axes and the sign of the acceleration; `turned` are the mapped axes of the latter."""
+    """Notes about iron, axes and the sign of the acceleration, by the dip; `turned` are the acceleration's axes."""
     dip, scatter = voyage.frames.dip_deg
     if voyage.frames.is_foreign:
         yield Note("foreign-accelerometer", "limits", {"scatter_deg": scatter})

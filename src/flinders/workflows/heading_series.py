@@ -1,6 +1,6 @@
-"""Magnetic and true headings of a recording, with the expected heading error.
+"""Magnetic and true headings of a recording, with their expected error.
 
-A turning level vehicle:
+A level vehicle that turns:
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -40,8 +40,8 @@ if TYPE_CHECKING:
 class HeadingSeries:
     """Headings of a recording, one for each reading."""
 
-    headings: Headings  #: (N,) degrees each: magnetic, true, grid, roll, pitch, dip; NaN if missing
-    time: Floats | None  #: (N,) s, on the clock of the recording
+    headings: Headings  #: (N,) each, in degrees: magnetic, true and grid heading, roll, pitch, dip; NaN if missing
+    time: Floats | None  #: (N,) s, by the clock of the recording
     summary: HeadingSummary
 
     def __repr__(self) -> str:
@@ -66,7 +66,7 @@ def headings(
 ) -> HeadingSeries:
     """Compute headings of the sensor's x axis in a recording, clockwise from north, with their expected error.
 
-    The accelerometer of the recording compensates the tilt, at any attitude.
+    The accelerometer in the recording compensates the tilt, in any attitude.
 
     Parameters
     ----------
@@ -76,20 +76,20 @@ def headings(
     calibration : Fit, Calibration or path
         Calibration of this sensor.
     site : SiteField, optional
-        The field at the place, of `flinders.core.geomag.site_field`: its declination gives true headings. By default
-        that of a log that states place and time, unless declination or dip is given.
+        Field at the place, from `flinders.core.geomag.site_field`; its declination gives true headings. By default that
+        of a log that states place and time, unless a declination or dip is given.
     declination_deg : float, degrees
-        Declination, east positive, in place of a site.
+        Declination, positive to the east; replaces the site.
     dip_deg : float, degrees
-        Inclination for the heading error. By default that of the site, else the measured one, else 60°.
+        Dip for the heading error. By default that of the site, else the measured dip, else 60°.
     level : bool
-        Use x and y alone, for a sensor that is always level.
+        Use x and y only, for a sensor that is always level.
     acceleration : str, optional
         Columns of the accelerometer in a text: three names, or numbers from 1.
     acceleration_axes : str
-        Where each axis of the acceleration comes from, such as ``"x,-y,-z"``.
+        Source of each axis of the acceleration, such as ``"x,-y,-z"``.
     formula : str
-        Formula for the tilt compensation: ``exact``; ``an4248`` and ``an3192`` for comparison.
+        Formula of the tilt compensation: ``exact``, or ``an4248`` and ``an3192`` for comparison.
     at, by
         As for `flinders.apply`.
     grid : bool
@@ -105,11 +105,11 @@ def headings(
     NoAccelerometer
         Without accelerations, unless `level`.
     ForeignAxes
-        If accelerometer and magnetometer have different axes; it names the matching axes.
+        If accelerometer and magnetometer have different axes; the error names axes that agree.
     InputError, UnitError, AxesError
         As `flinders.apply`.
     UsageError
-        For contradicting arguments, or an unknown formula.
+        For arguments that contradict each other, or an unknown formula.
 
     Examples
     --------

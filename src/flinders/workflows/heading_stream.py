@@ -1,4 +1,4 @@
-"""Headings of a stream of readings, block by block, with the expected heading error.
+"""Headings of a stream of readings, block by block, with their expected error.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -45,22 +45,23 @@ if TYPE_CHECKING:
     from flinders.workflows.suitability import CorrectionMonitor
 
 MIN_JUDGED_READINGS: Final = 1000
-"""Count of readings after which the axes of a stream are first judged; at its end fewer are enough."""
+"""Number of readings after which the axes of a stream are first checked; at the end of the stream fewer are enough."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeadingSummary:
-    """Summary of headings: tilt and dip, the expected error, and its limits."""
+    """Summary of headings: tilt and dip, expected error, and limits."""
 
-    voyage: HeadingSums  #: counts of readings and of those without a heading, tilt, measured dip
+    voyage: HeadingSums  #: numbers of readings with and without a heading, tilt, measured dip
     compass: Compass  #: formula, declination and axes of the acceleration
     site: SiteField | None  #: field at the place; None if the place is unknown
     claim: HeadingClaim
-    correction: CorrectionSummary  #: strength of the corrected field, and reasons if readings do not suit
+    #: length of corrected readings, and reasons if the readings do not suit the calibration
+    correction: CorrectionSummary
     notes: tuple[Note, ...]  #: limits of the headings, and other notes on them
 
     def as_dict(self, spell: Spelling = python_arguments) -> dict[str, Any]:
-        """JSON-ready."""
+        """JSON-ready fields."""
         claim = self.claim
         return {
             **self.voyage.as_dict(),
@@ -76,8 +77,8 @@ class HeadingSummary:
             "declination_deg": self.compass.declination_deg,
             # from magnetic headings to those from grid north; null unless requested
             "grid_declination_deg": self.compass.grid_declination_deg,
-            "site": None if self.site is None else self.site.as_dict(),  # field at the place; null if the place is
-            # unknown
+            # field at the place; null if the place is unknown
+            "site": None if self.site is None else self.site.as_dict(),
             **self.correction.strength.as_dict(),
             "skipped": [str(entry) for entry in self.correction.skipped],  # lines that were not understood
             **self.correction.preparation.as_dict(),
@@ -100,7 +101,7 @@ class HeadingSummary:
 
 
 def _error(error: HeadingError | None, **more: float | None) -> dict[str, float] | None:
-    """A heading error with its conditions, JSON-ready; None without an error."""
+    """JSON-ready heading error with the conditions for which it holds; None without an error."""
     if error is None:
         return None
     return error.as_dict(**{**more, "dip_deg": error.dip_deg, "tilt_deg": error.tilt_deg})  # type: ignore[arg-type]
@@ -113,7 +114,7 @@ class HeadingStream:
     correction: CorrectionStream
     compass: Compass
     site: SiteField | None = None
-    dip_deg: float | None = None  # as given
+    dip_deg: float | None = None  # dip in degrees that the caller gave; None for the default
     voyage: HeadingSums = field(default_factory=HeadingSums)  # statistics of the readings so far
 
     @classmethod
@@ -133,7 +134,7 @@ class HeadingStream:
         by: Filter | None = None,
         grid: bool = False,
     ) -> Self:
-        """Start with a recording in the unit and axes of a fit; the parameters are those of `headings`."""
+        """Headings of a recording in the unit and axes of a fit; the parameters are those of `headings`."""
         if site is not None and declination_deg is not None:
             raise UsageError("a site and a declination both give true north: leave one of them out")
         if grid and site is None:
@@ -157,7 +158,7 @@ class HeadingStream:
 
     @property
     def fit(self) -> Fit:
-        """Fit of the calibration, for compensated readings."""
+        """Calibration, in the form for compensated readings."""
         return self.correction.fit
 
     @property
@@ -167,7 +168,7 @@ class HeadingStream:
 
     @property
     def corrector(self) -> CorrectionMonitor:
-        """Monitor of the corrected strength."""
+        """Monitor of the lengths of corrected readings."""
         return self.correction.corrector
 
     def __str__(self) -> str:
@@ -178,9 +179,9 @@ class HeadingStream:
         return str(self.recording) + ("" if column is None else f"; acceleration {', '.join(column.names)}")
 
     def headings(self) -> Iterator[tuple[Floats, Samples, Headings]]:
-        """Yield line numbers of the readings, the readings, and their headings, block by block.
+        """Yield line numbers, readings and headings of each block.
 
-        Raises `ForeignAxes` for an accelerometer with other axes than the magnetometer, `NoAccelerometer` without one.
+        Raises `ForeignAxes` if accelerometer and magnetometer have different axes, and `NoAccelerometer` without one.
         """
         judged_next = MIN_JUDGED_READINGS
         for numbers, recorded in self._numbered_blocks():
@@ -196,7 +197,7 @@ class HeadingStream:
         self._require_same_axes()
 
     def _numbered_blocks(self) -> Iterator[tuple[Floats, Samples]]:
-        """Yield readings with their line numbers, or with their own numbers if there are no lines."""
+        """Yield readings with their line numbers; without lines, with the numbers of the readings."""
         numbered = getattr(self.recording, "numbered_blocks", None)
         if numbered is not None:
             yield from numbered()
@@ -207,7 +208,7 @@ class HeadingStream:
             done += len(block)
 
     def _set_gravity(self, samples: Samples) -> None:
-        """Set gravity from the first block that is long enough, so that later shaking is detected."""
+        """Determine gravity from the first block that is long enough, so that shaking in later blocks is detected."""
         if self.compass.gravity is not None or samples.acceleration is None or len(samples) < MIN_READINGS:
             return
         with np.errstate(over="ignore", invalid="ignore"):
@@ -216,13 +217,13 @@ class HeadingStream:
             self.compass = replace(self.compass, gravity=float(np.nanmedian(length)))
 
     def _require_same_axes(self) -> None:
-        """Refuse an accelerometer with other axes than the magnetometer."""
+        """Raise `ForeignAxes` if accelerometer and magnetometer have different axes."""
         if self.compass.formula != LEVEL:
             dip_deg = self.site.inclination_deg if self.site else self.dip_deg
             self.voyage.frames.refuse_foreign(site_dip_deg=dip_deg, applied=self.compass.acceleration_axes)
 
     def site_dip(self) -> tuple[float, DipSource]:
-        """The dip for stated errors, in degrees, and its source."""
+        """Dip in degrees for which errors are stated, and the source of the dip."""
         is_level = self.compass.formula == LEVEL
         is_seen = not is_level and self.voyage.frames.readings
         own = self.fit.heading_error_deg.dip_deg
@@ -238,11 +239,11 @@ class HeadingStream:
         return float(np.clip(dip, -MAX_DIP_DEG, MAX_DIP_DEG)), source
 
     def down_in_body(self) -> Floats:
-        """(3,) direction of down when the vehicle is level, in corrected axes."""
+        """(3,) downward direction of the level vehicle, in corrected axes."""
         return np.array([0.0, 0.0, -1.0 if self.voyage.is_z_up else 1.0])
 
     def claim(self) -> HeadingClaim:
-        """Expected heading errors at the dip of the site, level and at the recorded tilt."""
+        """Expected heading errors at the dip of the site, for the level vehicle and at the recorded tilt."""
         dip_deg, source = self.site_dip()
         aiding = self.fit.evidence.aiding
         claim = HeadingClaim(
@@ -267,7 +268,7 @@ class HeadingStream:
         )
 
     def _tilt_error_deg(self) -> float | None:
-        """Scatter of headings from the tilt by the accelerometer, 1 σ: scatter of the dip times its tangent."""
+        """Scatter of headings by the measured tilt, 1 σ in degrees: scatter of the dip times the tangent of the dip."""
         frames = self.voyage.frames
         if self.compass.formula == LEVEL or not frames.readings:
             return None
@@ -282,7 +283,7 @@ class HeadingStream:
 
 
 def _name_acceleration(recording: Recording, columns: str) -> None:
-    """Name the columns of the accelerometer in a text."""
+    """Set the columns of the accelerometer in a text recording."""
     if not isinstance(recording, TextRecording):
         raise UsageError(
             f"{recording.source} is no text, so that its columns are known: leave the columns of the accelerometer out",

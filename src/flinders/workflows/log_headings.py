@@ -1,4 +1,4 @@
-"""Headings over a log by the calibration on board and by a new one, with the yaw of the vehicle's attitude.
+"""Headings over a log with the onboard calibration and with a new one, and the yaw of the vehicle's attitude.
 
 >>> from dataclasses import replace
 >>> from flinders.core.calibration import Calibration
@@ -38,35 +38,35 @@ FORWARD, DOWN = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeadingHistory:
-    """Headings in degrees of each reading, NaN if missing."""
+    """Headings of each reading in degrees; NaN if missing."""
 
-    seconds: Floats  #: (N,) since the first reading
-    old_deg: Floats  #: (N,) by the calibration on board, in [0, 360)
-    new_deg: Floats  #: (N,) by the new calibration
-    yaw_deg: Floats | None  #: (N,) of the attitude, in [0, 360); None if none was logged
+    seconds: Floats  #: (N,): s since the first reading
+    old_deg: Floats  #: (N,): with the onboard calibration, in [0, 360)
+    new_deg: Floats  #: (N,): with the new calibration, in [0, 360)
+    yaw_deg: Floats | None  #: (N,): yaw of the attitude, in [0, 360); None if none was logged
     levelled_by: Levelling  #: source of the vertical for the tilt compensation
-    declination_deg: float | None  #: added to the headings, which are true; None for magnetic headings
-    is_vehicle: bool  #: whether headings are those of the vehicle, not of the compass's x axis
+    declination_deg: float | None  #: declination that true headings include; None for magnetic headings
+    is_vehicle: bool  #: whether headings are those of the vehicle, and not those of the compass's x axis
 
     @property
     def difference_deg(self) -> Floats:
-        """(N,) old minus new heading, −180 to 180."""
+        """(N,) headings with the old calibration minus those with the new one, −180 to 180 degrees."""
         return wrap_180(self.old_deg - self.new_deg)
 
 
 def heading_history(recording: Recording, old: Calibration, new: Calibration) -> HeadingHistory | None:
-    """Compute headings over a log by two calibrations of its readings.
+    """Compute headings over a log with two calibrations.
 
-    Tilt is compensated by the logged attitude, else by the accelerometer; without either the vehicle is assumed to be
-    level. Headings are true if the log states its place. If the mounting of the compass is known, they are those of the
-    vehicle, else those of its x axis.
+    Tilt is compensated by the logged attitude, else by the accelerometer; without either, the vehicle is assumed to be
+    level. Headings are true if the log states its place. They are those of the vehicle if the mounting of the compass
+    is known, else those of the compass's x axis.
 
     Parameters
     ----------
     recording : Recording
-        One log, with ascending times; for any other recording the result is None.
+        One log with ascending times. For any other recording the result is None.
     old, new : Calibration
-        Disturbances that they follow are compensated if logged, and else assumed at their reference.
+        Their disturbances are compensated if they were logged; otherwise the reference values are assumed.
     """
     parts, samples = list(single_recordings(recording)), read_into_memory(recording)
     time = samples.time
@@ -85,7 +85,7 @@ def heading_history(recording: Recording, old: Calibration, new: Calibration) ->
 
 
 def _vehicle_rotation(log: object, samples: Samples) -> tuple[Floats, bool]:
-    """(3, 3) rotation from the axes of the readings to those of the vehicle, and whether it is known."""
+    """(3, 3) rotation from the axes of the readings to those of the vehicle, and whether the rotation is known."""
     angles = getattr(log, "mounting", None)
     if samples.frame == "vehicle":
         return np.eye(3), samples.axes.is_identity
@@ -95,7 +95,7 @@ def _vehicle_rotation(log: object, samples: Samples) -> tuple[Floats, bool]:
 
 
 def _correct(samples: Samples, calibration: Calibration) -> Floats:
-    """(N, 3) corrected readings; a disturbance that was not logged is assumed at its reference."""
+    """(N, 3) corrected readings; a disturbance that was not logged has its reference value."""
     try:
         return calibration.affine.apply(Compensator(calibration)(samples).field)
     except InputError:
@@ -103,7 +103,7 @@ def _correct(samples: Samples, calibration: Calibration) -> Floats:
 
 
 def _force(samples: Samples) -> tuple[Levelling, Floats | None]:
-    """Source of the vertical, and (N, 3) specific force in any unit, None for a level vehicle."""
+    """Source of the vertical, and (N, 3) specific force in any unit; None instead of the force for a level vehicle."""
     attitude, acceleration = samples.attitude, samples.acceleration
     if attitude is not None and np.isfinite(attitude).all(axis=1).any():
         return "attitude", -rotate_vectors(inverse(attitude), DOWN)
@@ -118,7 +118,7 @@ def _magnetic_headings(corrected: Floats, force: Floats | None) -> Floats:
 
 
 def _yaw(samples: Samples, turn: Floats) -> Floats:
-    """(N,) heading of the x axis by the attitude."""
+    """(N,) headings of the x axis, as yaw of the attitude."""
     assert samples.attitude is not None
     north, east, _ = rotate_vectors(samples.attitude, FORWARD @ turn).T
     return wrap_360(np.rad2deg(np.arctan2(east, north)))

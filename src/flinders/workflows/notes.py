@@ -1,4 +1,4 @@
-"""Notes on readings, their calibration and headings: codes with named values, and their sentences.
+"""Notes on readings, calibrations and headings: codes with named values, and the sentences made from these.
 
 >>> tilt = Note("tilt-cost", values={"cost": 1.73})
 >>> tilt
@@ -61,15 +61,15 @@ SENTENCES: Final[Mapping[str, str]] = {
     ),
     "mounting-unobserved": "a constant mounting error does not show: compare with a known heading",
 }
-"""Sentences by code, with the formats of their values and of the arguments in `ARGUMENTS`; ``looks-like`` has none."""
+"""Sentences by code, with placeholders for values and for `ARGUMENTS`. The code ``looks-like`` has no sentence."""
 
 ARGUMENTS: Final = ("level", "dip_deg", "axes", "site", "acceleration_axes")
-"""Arguments in sentences, which each interface spells in its own way."""
+"""Arguments in sentences; each interface writes them in its own form."""
 
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """A note on readings, their calibration or headings; subclasses have other sentences."""
+    """A note on readings, a calibration or headings; subclasses have other sentences."""
 
     sentences: ClassVar[Mapping[str, str]] = SENTENCES
     arguments: ClassVar[tuple[str, ...]] = ARGUMENTS
@@ -79,7 +79,7 @@ class Note:
     values: Mapping[str, Any] = field(default_factory=dict)  #: numbers and names for the sentence
 
     def words(self, spell: Spelling = python_arguments) -> str:
-        """The sentence, with arguments in the spelling of an interface."""
+        """The sentence, with arguments in the form of an interface."""
         if self.code == "looks-like":
             return looks_like(self.values["what"], spell({"columns": self.values["columns"]}))
         names = {name: spell({name: None}).rstrip("=") for name in self.arguments}
@@ -92,12 +92,12 @@ class Note:
 
 
 def _axes_advice(axes: str, option: str) -> str:
-    """Advice on the axes of the acceleration; `axes` is empty if they are right as recorded."""
+    """Advice on the axes of the acceleration; `axes` is empty if the recorded axes are right."""
     return f"give {option}={axes}" if axes else f"leave {option} out"
 
 
 def limits_in_codes(notes: Iterable[Note]) -> str:
-    """Codes of the limiting notes, in words for a line; empty without any."""
+    """Codes of the limiting notes, in one line; empty without any."""
     codes = [note.code for note in notes if note.severity == "limits"]
     return f"limited by {', '.join(codes)}" if codes else ""
 

@@ -1,4 +1,4 @@
-"""History of the offset of one sensor, from the files of an online calibration.
+"""History of the offset of one sensor, from files of an online calibration.
 
 >>> from flinders import OnlineCalibration, simulate
 >>> tumble = simulate.tumble(seed=1, n=9000).samples
@@ -38,13 +38,13 @@ if TYPE_CHECKING:
     from flinders.core.offset_walk import Walk
 
 MIN_STEP_S: Final = 7200.0
-"""Smallest time between estimates that are used for a walk; closer ones count as one estimate."""
+"""Smallest time between estimates for a random walk; estimates that are closer count as one."""
 MAX_ESTIMATES: Final = 400
-"""Largest count of estimates that are used for a walk."""
+"""Largest number of estimates for a random walk."""
 MAX_EPOCH_S: Final = 2.5e11
-"""Largest time of a date, in seconds from 1970."""
+"""Largest time of a date, in s from 1970."""
 ADOPTED_NAME: Final = re.compile(r"calibration-(?:(\d{8}T\d{6})Z|(-?\d+(?:\.\d+)?)s)\.json")
-"""Pattern of the file name of an adopted calibration, with the time at which it came into force."""
+"""Pattern of the file name of an adopted calibration, which contains the time at which it came into force."""
 HEAD_BYTES: Final = 200  # Bytes at the start of a file by which its kind is recognised
 
 
@@ -53,14 +53,14 @@ class OffsetHistory:
     """The offset of one sensor over time."""
 
     name: str
-    time_s: Floats  #: (n,) s, ascending: on the clock of the readings, from 1970 if known
-    offset: Floats  #: (n, 3), in `unit`: newest estimate at each time
+    time_s: Floats  #: (n,) s, ascending: by the clock of the readings, from 1970 if the date is known
+    offset: Floats  #: (n, 3), in `unit`: newest estimate of the offset at each time
     sigma: Floats  #: (n, 3): 1 σ of each component
     unit: str  #: ``uT`` or ``counts``
     radius: float  #: mean length of readings about the offset, in `unit`
     dip_deg: float  #: inclination of the field, for headings
-    moved_s: tuple[float, ...] = ()  #: times at which a moved offset was learnt again
-    heading_error_deg: float = np.nan  #: claimed heading error at the end
+    moved_s: tuple[float, ...] = ()  #: times at which the offset had moved and was learnt again
+    heading_error_deg: float = np.nan  #: claimed heading error at the end of the history, in degrees
 
     @classmethod
     def of(cls, online: OnlineCalibration, *, name: str = "calibration") -> Self:
@@ -81,9 +81,9 @@ class OffsetHistory:
 
     @classmethod
     def read(cls, path: str | os.PathLike[str], *, name: str | None = None) -> Self:
-        """Read output of `flinders watch`: a state, a folder of adopted calibrations, or lines of JSON.
+        """Read the output of `flinders watch`: a state file, a folder of adopted calibrations, or lines of JSON.
 
-        Raises `DocumentError` for anything else.
+        Raises `DocumentError` for any other file.
         """
         path = Path(path)
         name = path.stem if name is None else name
@@ -125,7 +125,7 @@ class OffsetHistory:
 
     @classmethod
     def _of_lines(cls, path: Path, name: str) -> Self:
-        """Read lines of ``--json`` after the last change of the unit; the last line may be incomplete."""
+        """Read lines of ``--json`` since the last change of the unit; the last line may be incomplete."""
         rows, moved, last = array("d"), list[float](), None
         with path.open("rb") as file:
             for line in _reports(file, path):
@@ -161,7 +161,7 @@ class OffsetHistory:
 
     @property
     def estimates(self) -> Self:
-        """Independent estimates: the most certain one of every two hours, without repetitions."""
+        """Independent estimates: the most certain one in every two hours, without repetitions."""
         if not len(self.time_s):
             return self
         cell_s = max(MIN_STEP_S, float(self.time_s[-1] - self.time_s[0]) / MAX_ESTIMATES)
@@ -184,10 +184,11 @@ class OffsetHistory:
 
 
 def find_histories(paths: Sequence[str | os.PathLike[str]]) -> dict[Path, str]:
-    """Paths of histories of units with their names, from their files or folders.
+    """Paths of histories, with the names of their units, from files or folders.
 
-    A folder without adopted calibrations is searched for such files or folders. If several have the same name, all are
-    named by their paths. Raises `DocumentError` for a folder without any, or an unreadable one.
+    A folder without adopted calibrations is searched for such files and folders. If several units have the same name,
+    all are named by their paths. Raises `DocumentError` for a folder without a history, and for one that cannot be
+    read.
     """
     found = [each for path in paths for each in _histories_at(Path(path))]
     is_clear = len({path.stem for path in found}) == len(found)
@@ -208,7 +209,7 @@ def _histories_at(path: Path) -> Iterable[Path]:
 
 
 def is_history(path: str | os.PathLike[str]) -> bool:
-    """Whether `OffsetHistory.read` may read a path: a folder, a state, or lines of ``watch --json``."""
+    """Whether a path can be a history: a folder, a state file, or lines of ``watch --json``."""
     try:
         if Path(path).is_dir():
             return True
@@ -220,7 +221,7 @@ def is_history(path: str | os.PathLike[str]) -> bool:
 
 
 def adoption_file_name(time_s: float) -> str:
-    """Name of a calibration file, from the time at which it came into force.
+    """File name of a calibration, made from the time in s at which it came into force.
 
     >>> adoption_file_name(1795946435.0), adoption_file_name(4.836)
     ('calibration-20261129T100035Z.json', 'calibration-4.84s.json')
@@ -231,7 +232,7 @@ def adoption_file_name(time_s: float) -> str:
 
 
 def adoption_time_s(name: str) -> float | None:
-    """Time in s in the name of a calibration file; None for other names.
+    """Time in s that the file name of a calibration contains; None for other names.
 
     >>> names = "calibration-20261129T100035Z.json", "calibration-4.84s.json", "old.json"
     >>> [adoption_time_s(name) for name in names]
@@ -248,7 +249,7 @@ def adoption_time_s(name: str) -> float | None:
 
 
 class _Line(msgspec.Struct):
-    """Used fields of a line of ``flinders watch --json``."""
+    """Fields of a line of ``flinders watch --json`` that are used here."""
 
     kind: str
     event: str | None
@@ -261,7 +262,7 @@ class _Line(msgspec.Struct):
 
 
 def _reports(lines: Iterable[bytes], path: Path) -> Iterator[_Line]:
-    """Yield lines of ``flinders watch --json``; DocumentError for others, except an incomplete last line."""
+    """Yield lines of ``flinders watch --json``; `DocumentError` for other lines, except an incomplete last one."""
     decoder = msgspec.json.Decoder(_Line)
     for number, line in enumerate(lines, 1):
         if not line.strip():

@@ -1,4 +1,4 @@
-"""Check of the calibration that was in force on board when a log was made, by a fit of that log.
+"""Check of the onboard calibration that a log states, by a fit of the log.
 
 >>> from dataclasses import replace
 >>> from flinders import simulate
@@ -39,33 +39,33 @@ if TYPE_CHECKING:
     from flinders.readers import Stored
 
 ONBOARD_NAME: Final = "the calibration on board"
-"""Name of the calibration on board in messages."""
+"""Name of the onboard calibration in messages."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OnboardCheck:
-    """Comparison of the calibration on board with a fit of its log."""
+    """Comparison of the onboard calibration with a fit of its log."""
 
-    calibration: Calibration  #: on board, at the end of the log
+    calibration: Calibration  #: onboard calibration at the end of the log
     words: str  #: names of its parameters on the vehicle; empty if the log is in memory
-    changes: int  #: count of its changes in the log
-    #: roll, pitch and yaw of the compass's mounting in degrees; None if it is mounted with the board, or unknown. It is
-    #: not part of the calibration.
+    changes: int  #: number of its changes within the log
+    #: Roll, pitch and yaw of the compass's mounting in degrees; None if the compass is on the board, or if it is
+    #: unknown. The mounting is not part of the calibration.
     mounting: tuple[float, float, float] | None
-    strength: float  #: mean length of the readings corrected with it, in the unit of the calibration
+    strength: float  #: mean length of the readings after correction with it, in the unit of the calibration
     spread: float  #: standard deviation of these lengths, as a fraction of `strength`
-    comparison: Comparison  #: of the calibration on board and the fit
+    comparison: Comparison  #: comparison of the onboard calibration with the fit
 
     @property
     def answer(self) -> Answer:
-        """Whether the calibration on board is good enough, as `Comparison.answer`.
+        """Whether the onboard calibration is good enough, as in `Comparison.answer`.
 
-        ``holds``: it is. ``fails``: a change improves headings. ``cannot-tell``: the fit is too uncertain.
+        ``holds``: it is good enough. ``fails``: a change improves headings. ``cannot-tell``: the fit is too uncertain.
         """
         return self.comparison.answer
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
+        """JSON-ready fields."""
         return {
             **self.comparison.as_dict(),
             "words": self.words,  # names of its parameters on the vehicle
@@ -81,19 +81,19 @@ class OnboardCheck:
 
 
 def judge_onboard(recording: Recording, fit: Fit) -> OnboardCheck | None:
-    """Compare the calibration on board with a fit of the log, to decide on a change.
+    """Compare the onboard calibration with a fit of the log, to decide whether to replace it.
 
     Parameters
     ----------
     recording : Recording
-        The log of the fit, without the calibration that was in force.
+        The log of the fit; its onboard calibration was removed from the readings.
     fit : Fit
-        Fit of the log; the numbers on board count as exact.
+        Fit of the log. The numbers of the onboard calibration count as exact.
 
     Returns
     -------
     OnboardCheck or None
-        None if the log states no calibration in force, or several logs state different ones.
+        None if the log states no onboard calibration, or if several logs state different ones.
     """
     onboard = onboard_of(recording)
     if onboard is None:
@@ -118,9 +118,9 @@ def judge_onboard(recording: Recording, fit: Fit) -> OnboardCheck | None:
 
 
 def onboard_fit(recording: Recording) -> Fit:
-    """The calibration on board as a `Fit` without a claim.
+    """The onboard calibration as a `Fit` without a claim.
 
-    Raises `NoOnboardCalibration` if a log states none.
+    Raises `NoOnboardCalibration` if the log states none.
     """
     onboard = onboard_of(recording)
     if onboard is None:
@@ -149,17 +149,17 @@ def _refuse_unknown(recording: Recording) -> NoReturn:
 
 
 def _parts(recording: Recording) -> list[Recording]:
-    """The single recordings of a recording, as opened."""
+    """The single recordings of which a recording consists, as they were opened."""
     return [getattr(part, "recording", part) for part in single_recordings(recording)]
 
 
 def _stored_calibrations(recording: Recording) -> list[Stored]:
-    """The calibration that each log states to be in force, without logs that state none."""
+    """The onboard calibration of each log; logs that state none are left out."""
     return [stored for part in _parts(recording) if (stored := getattr(part, "stored", None)) is not None]
 
 
 def _at_disturbances_of(onboard: Calibration, fitted: Calibration, recording: Recording) -> Calibration:
-    """The calibration on board at the disturbances of the fit, and at the means of other disturbances."""
+    """The onboard calibration with the disturbances of the fit, and with other disturbances at their means."""
     references = {disturbance.name: disturbance.reference for disturbance in fitted.disturbances}
     names = [disturbance.name for disturbance in onboard.disturbances]
     means = _means([name for name in names if name not in references], recording)
@@ -167,7 +167,7 @@ def _at_disturbances_of(onboard: Calibration, fitted: Calibration, recording: Re
 
 
 def _means(names: Iterable[str], recording: Recording) -> dict[str, float]:
-    """Means of recorded disturbances over the readings, without disturbances that were not recorded."""
+    """Mean of each disturbance over the readings; disturbances that were not recorded are left out."""
     means = {}
     for name in names:
         columns = [block.disturbance_values(name) for block in recording.blocks()]

@@ -1,7 +1,8 @@
-"""Online calibration: from a stream of readings the calibration in force and its current heading error.
+"""Online calibration: a stream of readings gives the calibration in force and its present heading error.
 
-It has no thread, socket or clock: time is that of the readings, so that a replayed log gives the same numbers as live.
-The engine learns and judges (`flinders.native`, ``online.c``); this module adds units, events, states and files.
+There is no thread, socket or clock: time is that of the readings, so that a replayed log gives the same numbers as a
+live sensor. The engine learns and judges (`flinders.native`, ``online.c``); this module adds units, events, states and
+files.
 
 >>> from flinders import simulate
 >>> tumble = simulate.tumble(seed=1).samples
@@ -57,15 +58,15 @@ if TYPE_CHECKING:
 SOURCE: Final = "the readings"
 FORMAT: Final = "flinders online calibration"
 MAX_BYTES: Final = 4_000_000
-"""Largest size of a state file."""
+"""Largest size in bytes of a state file."""
 MAX_EVENTS: Final = 1000
-"""Largest count of events in `history`."""
+"""Largest number of events in `history`."""
 NO_TIME_S: Final = -1e99
-"""Time in the engine before the first reading."""
+"""Time in the engine before the first reading, in s."""
 MIN_GAP_S: Final = 600.0
-"""Shortest gap in the readings in which the timeline shows the growth of the claim."""
+"""Shortest gap between readings, in s, for which the timeline shows how the heading error grows."""
 GAP_POINTS: Final = 8
-"""Count of points of the timeline in such a gap."""
+"""Number of points in the timeline for such a gap."""
 
 
 class OnlineCalibration:
@@ -74,26 +75,25 @@ class OnlineCalibration:
     Parameters
     ----------
     start : Fit, optional
-        Calibration in force at first, from `flinders.fit` or `flinders.load`; by default it is learnt from the first
+        Calibration in force at first, from `flinders.fit` or `flinders.load`. By default it is learnt from the first
         readings in all directions, or of a level turn.
     at : float, s, optional
-        Time of `start`, on the clock of the readings; by default their first time.
+        Time of `start`, by the clock of the readings; by default the time of the first reading.
     unit, axes : str, Unit and Axes
-        Unit and axes of the readings, as for `flinders.read`; those of `start` if given.
+        Unit and axes of the readings, as for `flinders.read`; if `start` is given, its unit and axes.
     frame : str
-        Frame of their axes, ``sensor`` or ``vehicle``, as of `Calibration`; that of `start` if given.
+        Frame of the axes, ``sensor`` or ``vehicle``, as in `Calibration`; if `start` is given, its frame.
     target_deg, dip_deg : float
         As for `flinders.fit`.
     walk : float or Walk, optional
-        Random walk of the offset of this unit from its history: change in an hour, 1 σ, in µT or counts. A number
-        counts as known within a factor of two; a `Walk`, as from `flinders.OffsetHistory`, states its uncertainty. By
-        default the prior of all units. Readings update either.
+        Random walk of this unit's offset by its history: change in an hour, 1 σ, in µT or counts. A number counts as
+        known within a factor of two; a `Walk`, such as one of `flinders.OffsetHistory`, states its uncertainty. By
+        default it is the prior of all units. Readings update it in each case.
 
     Raises
     ------
-    UsageError
-        For a target, dip or walk out of range, or an unusable `start`: refused, without a stated uncertainty,
-        linearized, or with a disturbance that has a lag.
+    For a target, dip or walk out of range. For a `start` that cannot be used: one that is refused, states no
+    uncertainty, is linearized, or has a disturbance with a lag.
     """
 
     def __init__(
@@ -157,7 +157,7 @@ class OnlineCalibration:
 
     @property
     def target_deg(self) -> float:
-        """Worst heading error that is good enough; `UsageError` for one that is not positive."""
+        """Largest acceptable heading error in degrees; `UsageError` for a number that is not positive."""
         return float(self._record["target_deg"])
 
     @target_deg.setter
@@ -168,7 +168,7 @@ class OnlineCalibration:
 
     @property
     def is_locked(self) -> bool:
-        """Whether the calibration in force is kept, whatever is learnt."""
+        """Whether the calibration in force stays, whatever is learnt."""
         return bool(self._record["is_locked"])
 
     @is_locked.setter
@@ -177,7 +177,7 @@ class OnlineCalibration:
 
     @property
     def disturbances(self) -> tuple[str, ...]:
-        """Names of the disturbances that `add` needs values of: ``current``, ``temperature`` and so on."""
+        """Names of the disturbances whose values `add` needs: ``current``, ``temperature`` and so on."""
         return tuple(disturbance.name for disturbance in self._disturbances)
 
     def add(self, readings: ArrayLike, *, time: ArrayLike, **disturbances: ArrayLike | None) -> tuple[OnlineEvent, ...]:
@@ -186,12 +186,12 @@ class OnlineCalibration:
         Parameters
         ----------
         readings : (N, 3) or (3,), in the unit of the readings
-            In the sensor's own axes, in the order of time.
+            Readings in the sensor's own axes, in the order of time.
         time : (N,) float, s
-            Times on any clock.
+            Times by any clock.
         **disturbances : (N,) or (N, M), optional
-            Values of the `disturbances`, named as for `Calibration.apply`. Their effect on readings is that of `start`;
-            readings without a value are left out.
+            Values of `disturbances`, named as in `Calibration.apply`. Their effect on readings is that in `start`.
+            Readings without a value are left out.
 
         Returns
         -------
@@ -229,24 +229,24 @@ class OnlineCalibration:
         return tuple(found)
 
     def _compensate(self, field: Floats, values: Mapping[str, ArrayLike | None]) -> Floats:
-        """Readings compensated to the references of the disturbances."""
+        """(N, 3) readings, compensated to the reference values of the disturbances."""
         shift, gain = shift_and_gain(self._disturbances, values_by_name(self._disturbances, **values))
         quiet: Floats = self._reference + (field - self._reference - shift) / gain[..., np.newaxis]
         return quiet
 
     def _put(self, codes: list[Code]) -> None:
-        """Add a point to the timeline, if there was an event or a point is due."""
+        """Add a point to the timeline if there was an event, or if a point is due."""
         now = float(self._record["now"])
         if codes or now >= self._timeline.due_s:
             self._timeline.put(self._point(now, codes))
 
     def _put_gap(self, until: float) -> None:
-        """Add points for the growth of the claim between the newest and the next reading, if they are far apart."""
+        """Add points that show how the heading error grows until the next reading, if this is far in the future."""
         for point in self._gap(until):
             self._timeline.put(point)
 
     def _gap(self, until: float) -> Iterator[OnlinePoint]:
-        """Yield points for the growth of the claim after the newest reading; none for a short gap."""
+        """Yield points that show how the heading error grows after the newest reading; none for a short gap."""
         now = self.time_s
         if until - now > MIN_GAP_S:
             yield self._point(now)
@@ -259,14 +259,14 @@ class OnlineCalibration:
         return OnlinePoint(time_s, known.doing, *errors, *offset, is_read, tuple(codes or ()))
 
     def _offset(self, claim: Records) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-        """The newest estimate of the offset, and 1 σ of its components, from a claim."""
+        """Newest estimate of the offset, and 1 σ of its components, from a claim of the engine."""
         latest = self._record["latest"][:3]
         apart = self._record["in_force"][:3] - latest  # the claim for the calibration in force includes this difference
         variances = np.maximum(claim["covariance"].reshape(9, 9).diagonal()[:3] - apart**2, 0.0)
         return tuple(latest.tolist()), tuple(np.sqrt(variances).tolist())
 
     def _events(self, bits: int, before: OnlineEvent | None) -> list[OnlineEvent]:
-        """Events by the engine's bits; a clock that goes back is reported once."""
+        """Events from the engine's bits; a clock that goes back is reported only once."""
         if not bits:
             return []
         state = self.state
@@ -279,14 +279,14 @@ class OnlineCalibration:
         self._history = [*self._history, *found][-MAX_EVENTS:]
 
     def _start_with(self, start: Fit, at: float) -> None:
-        """Put the start calibration in force."""
+        """Put the calibration with which it starts in force."""
         parameters, covariance = start.calibration.ellipsoid.parameters, start.claim.claimed_covariance
         engine().online_activate(self._record, parameters, covariance, noise=start.evidence.noise, time=at)
         self._start = None
 
     @property
     def time_s(self) -> float:
-        """Time of the newest reading; NaN before the first."""
+        """Time of the newest reading in s; NaN before the first one."""
         now = float(self._record["now"])
         return now if now > NO_TIME_S else math.nan
 
@@ -296,7 +296,7 @@ class OnlineCalibration:
         return self.at(self.time_s)
 
     def at(self, time_s: float) -> OnlineState:
-        """Predicted state at a time without further readings."""
+        """State that is predicted for a time in s if there are no further readings."""
         claim = engine().online_claim(self._record, time_s)
         offset, offset_sigma = self._offset(claim) if self._record["state"] else (UNKNOWN_VECTOR, UNKNOWN_VECTOR)
         return OnlineState(
@@ -315,18 +315,18 @@ class OnlineCalibration:
 
     @property
     def is_level(self) -> bool:
-        """Whether the vehicle stays level, so that the vertical axis is unknown."""
+        """Whether the vehicle stays level, so that the calibration along the vertical axis is unknown."""
         return bool(self._record["is_level"])
 
     def error_with_deg(self, calibration: Calibration, time_s: float | None = None) -> float:
-        """Expected heading error with another calibration of the same readings, worst heading, 1 σ.
+        """Expected worst heading error, 1 σ in degrees, if another calibration were used for the same readings.
 
         Parameters
         ----------
         calibration : Calibration
-            With an offset and a symmetric matrix; its field strength does not matter.
+            Calibration with an offset and a symmetric matrix; its field strength does not matter.
         time_s : float, optional
-            Time of the error; by default that of the newest reading.
+            Time for which the error holds; by default that of the newest reading.
         """
         record = self._record.copy()
         parameters, latest = calibration.ellipsoid.parameters.copy(), Ellipsoid.of_parameters(self._record["latest"])
@@ -336,15 +336,15 @@ class OnlineCalibration:
 
     @property
     def good_until_s(self) -> float:
-        """Time at which the heading error reaches the target without further readings.
+        """Time in s at which the heading error will reach the target if there are no further readings.
 
-        Infinite beyond ten years; NaN if the error exceeds the target now.
+        Infinite if it takes more than ten years; NaN if the error exceeds the target already.
         """
         return self.state.time_s + engine().online_good_s(self._record)
 
     @property
     def fit(self) -> Fit | None:
-        """The calibration in force with its claim, to save and export as any fit; None if there is none."""
+        """The calibration in force with its claim, as a fit that can be saved and exported; None if there is none."""
         if not self._record["state"]:
             return None
         ellipsoid = Ellipsoid.of_parameters(self._record["in_force"].copy())
@@ -379,26 +379,26 @@ class OnlineCalibration:
 
     @property
     def is_converted(self) -> bool:
-        """Whether `load` read the state of another release, without its evidence."""
+        """Whether `load` has read the state of another release, without its evidence."""
         return self._is_converted
 
     @property
     def timeline(self) -> tuple[OnlinePoint, ...]:
-        """Points over time, the newest last: at each event and every minute; earlier points are thinned.
+        """Points over time, the newest last: one at each event and every minute; older points are thinned.
 
-        There are at most 1,000 points. They depend only on the times of the readings: live or replayed, split, or saved
-        and loaded, they are the same.
+        There are at most 1,000 points. They depend only on the times of the readings: they are the same live or
+        replayed, in blocks of any size, and after saving and loading.
         """
         return tuple(self._timeline.points)
 
     def timeline_until(self, time_s: float) -> tuple[OnlinePoint, ...]:
-        """`timeline`, continued to a time by the prediction without further readings."""
+        """`timeline`, continued to a time in s by the prediction without further readings."""
         later = [*self._gap(time_s), *([self._point(time_s, is_read=False)] if time_s > self.time_s else [])]
         newest = -math.inf if not self.timeline else self.timeline[-1].time_s
         return (*self.timeline, *(point for point in later if point.time_s > newest))
 
     def adopt(self) -> None:
-        """Put the newest calibration in force, also if locked; `UsageError` if there is none."""
+        """Put the newest calibration in force, even if locked; `UsageError` if there is none."""
         self._require()
         engine().online_activate_latest(self._record)
         self._note([OnlineEvent(self.state.time_s, "adopted", self.state.heading_error_deg)])
@@ -418,9 +418,9 @@ class OnlineCalibration:
             raise UsageError("no calibration was learnt yet: turn the sensor through all directions first")
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the complete state, completely or not at all, so that `load` continues from it.
+        """Write the whole state, completely or not at all; `load` continues from it.
 
-        Raises `OutputError` if it cannot be written.
+        Raises `OutputError` if the file cannot be written.
         """
         content = {
             "format": FORMAT,
@@ -442,11 +442,11 @@ class OnlineCalibration:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Self:
-        """Read a state from `save`, with bitwise equal numbers.
+        """Read a state that `save` has written; all numbers are restored bit for bit.
 
-        The state of another release is converted without its evidence, as an event and `is_converted` state.
+        The state of another release is converted without its evidence: an event and `is_converted` say so.
 
-        Raises `DocumentError` for another file.
+        Raises `DocumentError` for any other file.
         """
         text = read_bytes(path, largest=MAX_BYTES, what="the state of an online calibration", refused=DocumentError)
         try:
@@ -470,7 +470,7 @@ class OnlineCalibration:
         online._history = [
             OnlineEvent(**{**event, "heading_error_deg": float(event["heading_error_deg"])})
             for event in content.get("history", [])
-            if event["code"] in WORDS  # another release has other codes
+            if event["code"] in WORDS  # another release can have other codes
         ]
         saved = {name: numbers_from_json(values) for name, values in content["record"].items()}
         online._is_converted = not is_of_this_release(saved, int(online._record["version"]))

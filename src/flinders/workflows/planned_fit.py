@@ -1,13 +1,13 @@
-"""Expected fit of a planned recording: its claim and verdict before the recording.
+"""Expected fit of a planned recording: its claim and verdict, before anything is recorded.
 
-The information of a recording depends on its directions and on the size of the noise, hardly on the single random
-numbers. So the planned motion is simulated for several sensors with usual iron, and the engine fits and judges each
-recording as a real one. Prior, widening, findings and verdict are those of `flinders.fit`. In some recordings white
-noise appears correlated by chance, and the claims are two to four times as large; so the lower quartile of the claims
-is the expected one. `ExpectedFit.high_error_deg` is their 88 % quantile.
+The information in a recording depends on its directions and on the size of the noise, and hardly on the random numbers
+of one recording. The planned motion is therefore simulated for several sensors with usual iron, and the engine fits and
+judges each simulated recording like a real one. Prior, widening, findings and verdict are those of `flinders.fit`. In
+some recordings white noise happens to look correlated, and the claims are two to four times as large. The expected
+claim is therefore the lower quartile; `ExpectedFit.high_error_deg` is the 88 % quantile.
 
-`ExpectedFit.information_error_deg` is the information bound (Cramér–Rao) of the same readings: the error that noise
-and prior leave if residuals are independent. The claim is larger if the motion does not cover all directions.
+`ExpectedFit.information_error_deg` is the information bound (Cramér–Rao) of the same readings: the error that noise and
+prior leave if residuals are independent. The claim is larger if the motion does not cover all directions.
 
 >>> from flinders.simulate.turn_sequence import PoseTurn
 >>> level = expected_fit([PoseTurn()], RecordingSettings(seconds=12.0, noise=0.5, sway_deg=0.1))
@@ -39,58 +39,60 @@ if TYPE_CHECKING:
     from flinders.simulate.turn_sequence import PoseTurn
 
 DRAWS: Final = 17
-"""Count of simulated recordings of a plan, the fifth of which is the lower quartile."""
+"""Number of simulated recordings of a plan. The fifth of their fits, in order, is the lower quartile."""
 
 AIDED_DRAWS: Final = 5
-"""Count of simulated recordings with aiding sensors, whose fits take longer."""
+"""Number of simulated recordings with aiding sensors, whose fits take longer."""
 
 TYPICAL, HIGH = 0.25, 0.88
-"""Quantiles of the claims: the expected one, and the one that some recordings reach by chance."""
+"""Quantiles of the claims: the expected one, and a high one that some recordings reach by chance."""
 
 MAX_READINGS: Final = 4_000
-"""Largest count of readings of a simulated recording; more are averaged into these."""
+"""Largest number of readings of a simulated recording; more readings are averaged to this number."""
 
 MAX_AIDED_READINGS: Final = 600
-"""Largest count of readings of a simulated recording with aiding sensors."""
+"""Largest number of readings of a simulated recording with aiding sensors."""
 
 GOOD_RANK, REACHED_RANK, LEVEL_RANK, MISSED_RANK, REFUSED_RANK = 3, 2, 1, 0, -1
-"""Grades of a result: a good verdict; headings within the target at every tilt of the body; within it while level; not
-within it; refused."""
+"""Grades of a result, from a good verdict to a refusal.
+
+They are: a good verdict; headings within the target at every tilt of the body; headings within the target while the
+body is level; headings outside the target; refused."""
 
 FIELD_STRENGTH: Final = 50.0
-"""µT: field strength if the place is unknown."""
+"""Field strength in µT that is assumed if the place is unknown."""
 
 
 @dataclass(frozen=True, slots=True)
 class RecordingSettings:
-    """Duration, noise, rate and site of a planned recording, and the sensors that its fit uses."""
+    """Duration, noise, rate and site of a planned recording, and the aiding sensors of its fit."""
 
     seconds: float
     noise: float  #: µT, 1 σ of each axis and reading
-    sway_deg: float  #: root mean square lean away from the attitudes of the plan, degrees
-    rate_hz: float = RATE_HZ  #: readings a second
+    sway_deg: float  #: rms lean of the body away from the attitudes of the plan, in degrees
+    rate_hz: float = RATE_HZ  #: readings per second
     site: Site | None = None  #: field at the place
-    target_deg: float = 1.0  #: worst heading error that is good enough
-    aiding: tuple[str, ...] = ()  #: aiding sensors, as `flinders.fit` takes them
+    target_deg: float = 1.0  #: largest acceptable heading error in degrees
+    aiding: tuple[str, ...] = ()  #: aiding sensors, with their names in `flinders.fit`
 
     @property
     def averaged(self) -> int:
-        """Count of readings that are averaged into one reading of the simulation."""
+        """Number of readings that are averaged to one reading of the simulation."""
         most = MAX_AIDED_READINGS if self.aiding else MAX_READINGS
         return max(1, math.ceil(self.seconds * self.rate_hz / most))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExpectedFit:
-    """Expected fit: the lower quartile of the fits of simulated recordings, by verdict and then by error."""
+    """Expected fit: the lower quartile of the fits of simulated recordings, ordered by verdict and then by error."""
 
     fit: Fit
     simulated: Simulated  #: the recording of that fit, with its truth
-    high_error_deg: float  #: worst heading error that 88 % of the fits claim at most, 1 σ; infinite if not known
+    high_error_deg: float  #: worst heading error, 1 σ, that 88 % of the fits do not exceed; infinite if unknown
 
     @property
     def information_error_deg(self) -> float:
-        """Heading error of a level vehicle by the information bound, rms over headings, 1 σ; NaN if not known."""
+        """Information bound of the level heading error, rms over headings, 1 σ in degrees; NaN if unknown."""
         error = self.fit.claim.textbook_heading_error_deg
         return math.nan if error is None else error.rms
 
@@ -101,7 +103,7 @@ class ExpectedFit:
 
     @property
     def unused_aids(self) -> list[str]:
-        """Aiding sensors that the fit leaves out."""
+        """Aiding sensors that the fit does not use."""
         aiding = self.fit.evidence.aiding
         return [] if aiding is None else [sensor.name for sensor in aiding.sensors if not sensor.is_used]
 
@@ -111,7 +113,7 @@ class ExpectedFit:
         return [finding.code for finding in self.fit.findings if finding.severity != "note"]
 
     def rank(self, tilt_deg: float) -> int:
-        """Grade of the result, from `REFUSED_RANK` to `GOOD_RANK`, for a body that is tilted by up to `tilt_deg`."""
+        """Grade of the result for a body that is tilted by up to `tilt_deg`, from `REFUSED_RANK` to `GOOD_RANK`."""
         claim = self.fit.claim
         if self.fit.verdict == "refused":
             return REFUSED_RANK
@@ -122,7 +124,7 @@ class ExpectedFit:
         return REACHED_RANK if claim.attitude_limit_deg >= tilt_deg else LEVEL_RANK
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
+        """JSON-ready fields."""
         claim = self.fit.claim
         return {
             "verdict": self.fit.verdict,  # of the fit to expect
@@ -144,7 +146,7 @@ def expected_fit(
     Parameters
     ----------
     draws : int, optional
-        Count of simulated recordings, by default `DRAWS` or `AIDED_DRAWS`.
+        Number of simulated recordings; by default `DRAWS` or `AIDED_DRAWS`.
     """
     count = draws or (AIDED_DRAWS if recording.aiding else DRAWS)
     simulated = [simulate_plan(sequence, recording, seed) for seed in range(count)]
@@ -160,7 +162,7 @@ def expected_fit(
 
 
 def simulate_plan(sequence: Sequence[PoseTurn], recording: RecordingSettings, seed: int) -> Simulated:
-    """Simulate one planned recording, of a sensor with usual iron."""
+    """Simulate one planned recording of a sensor with usual iron."""
     site, averaged = recording.site, recording.averaged
     known = None if site is None else site.strength
     less = 1.0 / math.sqrt(averaged)
@@ -177,7 +179,7 @@ def simulate_plan(sequence: Sequence[PoseTurn], recording: RecordingSettings, se
 
 
 def fit_planned(simulated: Simulated, recording: RecordingSettings) -> Fit | None:
-    """Fit a simulated recording as a real one, with the planned sensors; None if there is no fit."""
+    """Fit a simulated recording like a real one, with the planned aiding sensors; None if there is no fit."""
     samples = simulated.samples
     samples = replace(
         samples,
@@ -193,5 +195,5 @@ def fit_planned(simulated: Simulated, recording: RecordingSettings) -> Fit | Non
 
 
 def dip_of(site: Site | None) -> float:
-    """Dip at a site, degrees; the usual assumption if it is unknown."""
+    """Dip at a site in degrees; the usual assumption if the site or its dip is unknown."""
     return ASSUMED_DIP_DEG if site is None or site.inclination_deg is None else site.inclination_deg

@@ -1,9 +1,9 @@
-"""The use case `plan`: the motion and duration of a recording, and its expected heading error.
+"""The use case `plan`: motion and duration of a recording, and the heading error to expect.
 
-A body, the noise of its sensor and a target give the motion, its duration and the fit to expect
-(`flinders.workflows.planned_fit`). Of the sequences of turns that the body can follow (`flinders.simulate.bodies`) the
-shortest with the best grade is selected: a good verdict; else headings within the target at every tilt of the body;
-else while it is level; else the smallest error.
+A body, the noise of its sensor and a target determine the motion, its duration and the expected fit
+(`flinders.workflows.planned_fit`). `flinders.simulate.bodies` has the sequences of turns that a body can make. The
+shortest sequence with the best grade is selected. The best grade is a good verdict; then headings within the target at
+every tilt of the body; then headings within the target while it is level; then the smallest error.
 
 >>> drone = plan("drone", noise="0.5 uT", alternatives=False)
 >>> drone.steps[1], round(drone.seconds), drone.expected.fit.verdict
@@ -46,34 +46,34 @@ PlannedAid = Literal["dip", "rate"]
 """Aiding sensors of a plan: accelerometer and gyro."""
 
 REPEATS: Final = (1, 2, 4, 8)
-"""Counts of circles in each attitude that are tried."""
+"""Numbers of circles in each attitude that are tried."""
 
 MANY_REPEATS: Final = 4
-"""Count of circles in each attitude above which more are tried only if no level heading is within the target."""
+"""Number of circles in each attitude from which the search for a plan stops once level headings meet the target."""
 
 MAX_SECONDS: Final = 900.0
-"""Duration above which no further circles are tried, s."""
+"""Duration in s beyond which no further circles are tried."""
 
 MAX_SPEED_RATIO: Final = 2.0
-"""Largest ratio of the rate of turning to the usual one, if a duration is given."""
+"""Largest ratio of the rate of turning to the usual rate, if a duration is given."""
 
 MORE_TILT_DEG: Final = (10.0, 20.0, 35.0)
-"""Degrees of tilt that are tried beyond those of the body."""
+"""Increases of the tilt, in degrees, that are tried as alternatives."""
 
 NOISE_TEXT: Final = re.compile(r"\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*(\S*)\s*")
-"""A number and its unit."""
+"""A number and its unit, as a text."""
 
 
 class Alternative(NamedTuple):
-    """Another recording than the planned one, and the fit to expect of it."""
+    """A recording other than the planned one, and its expected fit."""
 
-    name: str  #: the change: more ``time`` or ``tilt``, or an aiding sensor, ``dip`` or ``rate``
-    tilt_deg: float  #: largest tilt, degrees
+    name: str  #: what is increased, ``time`` or ``tilt``; or an added aiding sensor, ``dip`` or ``rate``
+    tilt_deg: float  #: largest tilt in degrees
     seconds: float
     expected: ExpectedFit | None
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
+        """JSON-ready fields."""
         return {
             "more": self.name,  # time, tilt, or an aiding sensor: dip, rate
             "tilt_deg": self.tilt_deg,  # largest tilt of the motion
@@ -84,18 +84,18 @@ class Alternative(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """A planned recording: the motion, its duration, the fit to expect, and the gain of more time, tilt or sensors."""
+    """A planned recording: motion, duration, expected fit, and what more time, tilt or sensors would gain."""
 
     body: Body
     recording: RecordingSettings
-    tilt_deg: float  #: largest tilt of the body, degrees
+    tilt_deg: float  #: largest tilt of the body in degrees
     sequence: tuple[PoseTurn, ...]
     expected: ExpectedFit
     alternatives: tuple[Alternative, ...] = ()
 
     @property
     def seconds(self) -> float:
-        """Duration, s."""
+        """Duration in s."""
         return self.recording.seconds
 
     @property
@@ -105,11 +105,11 @@ class Plan:
 
     @property
     def readings(self) -> int:
-        """Readings of the recording."""
+        """Number of readings in the recording."""
         return round(self.seconds * self.recording.rate_hz)
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
+        """JSON-ready fields."""
         return {
             "body": self.body.name,  # body that carries the sensor
             "noise_uT": self.recording.noise,  # 1 σ of each axis and reading
@@ -139,7 +139,7 @@ class _Candidate(NamedTuple):
 
 
 class _Choice(NamedTuple):
-    """A motion with the fit to expect of it."""
+    """A motion with its expected fit."""
 
     candidate: _Candidate
     expected: ExpectedFit
@@ -165,22 +165,21 @@ def plan(
     body : str or Body
         One of `flinders.simulate.bodies.BODIES`: ``hand``, ``drone``, ``boat``, ``robot``, ``wrist``.
     noise : float or str
-        Noise of a reading, 1 σ of each axis: in µT, or with its unit, as ``"0.5uT"`` or ``"4 mG"``.
+        Noise of a reading, 1 σ of each axis: in µT as a number, or with its unit as ``"0.5uT"`` or ``"4 mG"``.
     site : Site, optional
-        Field at the place, as `flinders.fit` takes it; without it 50 µT with a dip of 60°, neither of which is known to
-        the fit.
+        Field at the place, as for `flinders.fit`. By default 50 µT and a dip of 60°, and the fit knows neither.
     target_deg : float
-        Worst heading error that is good enough, degrees.
+        Largest acceptable heading error in degrees.
     rate_hz : float
-        Readings a second.
+        Readings per second.
     seconds : float, optional
         Duration of the recording; by default that of the selected motion.
     tilt_deg : float, optional
-        Largest tilt of the body, degrees, in place of its usual one.
+        Largest tilt of the body in degrees; by default the usual one of the body.
     aiding : str or sequence of str
-        Aiding sensors that the fit will use: ``dip`` of an accelerometer, ``rate`` of a gyro.
+        Aiding sensors that the fit will use: ``dip`` for an accelerometer, ``rate`` for a gyro.
     alternatives : bool
-        Whether twice the time, more tilt and further sensors are tried as well.
+        Whether twice the time, more tilt and further sensors are tried too.
 
     Raises
     ------
@@ -214,7 +213,7 @@ def plan(
 
 
 def body_of(name: str) -> Body:
-    """Body of a name; raises `UsageError` for an unknown one."""
+    """Body with a name; `UsageError` for an unknown name."""
     found = BODIES.get(name.strip().casefold())
     if found is None:
         raise UsageError(f"body {name!r} is not known{did_you_mean(name, BODIES)}: use one of {', '.join(BODIES)}")
@@ -222,7 +221,7 @@ def body_of(name: str) -> Body:
 
 
 def aids_of(aiding: str | Sequence[str]) -> tuple[str, ...]:
-    """Aiding sensors of a plan, by their names; raises `UsageError` for another name."""
+    """Aiding sensors of a plan, by name; `UsageError` for an unknown name."""
     names = [aiding] if isinstance(aiding, str) else list(aiding)
     words = [word.strip() for name in names for word in name.split(",") if word.strip()]
     known = get_args(PlannedAid)
@@ -233,7 +232,7 @@ def aids_of(aiding: str | Sequence[str]) -> tuple[str, ...]:
 
 
 def noise_of(noise: float | str) -> float:
-    """Noise of a reading in µT, of a number in µT or of a text with its unit.
+    """Noise of a reading in µT, from a number in µT or from a text with a unit.
 
     >>> noise_of(0.5), noise_of("5 mG"), round(noise_of("150nT"), 9)
     (0.5, 0.5, 0.15)
@@ -244,7 +243,7 @@ def noise_of(noise: float | str) -> float:
     Raises
     ------
     UsageError
-        For a number that is not above zero, or without a unit. `UnitError` for an unknown unit.
+        For a number that is not above zero, or a text without a unit. `UnitError` for an unknown unit.
     """
     if not isinstance(noise, str):
         return _above_zero(noise, "noise", " µT")
@@ -265,12 +264,12 @@ def noise_of(noise: float | str) -> float:
 
 
 def noise_of_chip(name: str) -> float:
-    """Noise of a reading of a chip in µT, rms, by the name of the chip or of a package that holds it.
+    """Rms noise of a chip's reading in µT, by the name of the chip or of a package that contains it.
 
     Raises
     ------
     UsageError
-        For an unknown chip, and for one whose noise no source states.
+        For an unknown chip, and for a chip whose noise no source states.
     """
     try:
         chip = find_chip(name)
@@ -284,14 +283,14 @@ def noise_of_chip(name: str) -> float:
 
 
 def _above_zero(value: float, what: str, unit: str) -> float:
-    """Return a finite number above zero; raise `UsageError` for others."""
+    """A finite number above zero; `UsageError` for other numbers."""
     if not 0.0 < value < math.inf:
         raise UsageError(f"{what} is {value:g}{unit}: need a number above 0")
     return float(value)
 
 
 def _within(value: float, what: str, most: float) -> float:
-    """Return an angle from zero to a limit; raise `UsageError` for others."""
+    """An angle from zero to a limit; `UsageError` for other angles."""
     if not 0.0 <= value <= most:
         raise UsageError(f"{what} is {value:g}°: need 0° to {most:g}°")
     return float(value)
@@ -300,9 +299,9 @@ def _within(value: float, what: str, most: float) -> float:
 def _choose(
     body: Body, tilt_deg: float, seconds: float | None, recording: RecordingSettings, repeats: Sequence[int] = REPEATS
 ) -> _Choice | None:
-    """The motion with the best grade: the shortest of these, or for a given duration the one with the smallest error.
+    """The motion with the best grade; of several the shortest, or for a given duration the one with the smallest error.
 
-    More circles are tried where one in each attitude is not enough.
+    More circles are tried if one circle in each attitude is not enough.
     """
     best: _Choice | None = None
     for times in repeats:
@@ -322,7 +321,7 @@ def _choose(
 
 
 def _is_better(one: _Choice, other: _Choice, tilt_deg: float, *, by_error: bool) -> bool:
-    """Whether a motion is better than another: by its grade, then by its duration or its error."""
+    """Whether a motion is better than another: by its grade, then by its duration or by its error."""
     ranks = one.expected.rank(tilt_deg), other.expected.rank(tilt_deg)
     if ranks[0] != ranks[1]:
         return ranks[0] > ranks[1]
@@ -333,7 +332,7 @@ def _is_better(one: _Choice, other: _Choice, tilt_deg: float, *, by_error: bool)
 
 
 def _candidates(body: Body, tilt_deg: float, seconds: float | None, times: int) -> Iterator[_Candidate]:
-    """Yield motions with `times` circles in each attitude, the shortest first; for a given duration as many as fit.
+    """Yield motions with `times` circles in each attitude, the shortest first; for a given duration, as many as fit.
 
     Raises
     ------
@@ -355,7 +354,7 @@ def _candidates(body: Body, tilt_deg: float, seconds: float | None, times: int) 
 
 
 def _circles(body: Body, sequence: tuple[PoseTurn, ...], seconds: float) -> tuple[PoseTurn, ...]:
-    """The sequence with as many circles in each attitude as fit a duration at the usual rate."""
+    """The sequence of attitudes with as many circles in each as fit into a duration at the usual rate."""
     times = max([1, *(each for each in REPEATS if body.seconds(sequence) * each <= seconds)])
     return tuple(turn for turn in sequence for _ in range(times))
 
@@ -363,7 +362,7 @@ def _circles(body: Body, sequence: tuple[PoseTurn, ...], seconds: float) -> tupl
 def _alternatives(
     body: Body, tilt_deg: float, seconds: float | None, recording: RecordingSettings, best: _Choice
 ) -> Iterator[Alternative]:
-    """Recordings with twice the time, with more tilt, and with each further sensor."""
+    """Yield recordings with twice the time, with more tilt, and with each further sensor."""
     sequence, twice = best.candidate.sequence, replace(recording, seconds=2.0 * recording.seconds)
     doubled = tuple(turn for turn in sequence for _ in range(2))
     yield Alternative("time", tilt_deg, twice.seconds, expected_fit(doubled, twice))

@@ -1,4 +1,4 @@
-"""Contents of a recording or log: its magnetometers, read once, and the columns recorded with them.
+"""Contents of a recording or log: its magnetometers and the columns recorded with them, in one pass.
 
 >>> import tempfile
 >>> from pathlib import Path
@@ -47,21 +47,21 @@ if TYPE_CHECKING:
     from flinders.summary.quality import TimeStamps
 
 AUXILIARY: Final = ("time", "acceleration", "rate", "temperature", "current", "throttle", "attitude", "strength")
-"""Other columns of a reading, by their names in `Samples`; also ``current1`` and so on for single motors."""
+"""Other columns of a reading, by their names in `Samples`; ``current1`` and so on for single motors."""
 
 MIN_GAP_STEPS: Final = 5.0
-"""Smallest gap, in usual steps from one reading to the next."""
+"""Smallest gap, in median steps between readings."""
 
 MIN_COVERAGE: Final = 0.5
-"""Smallest share of all directions at which the size of an ellipsoid is shown."""
+"""Smallest coverage of directions for which the size of the ellipsoid is shown."""
 
 MAX_SAMPLE: Final = 4096
-"""Largest count of readings of the first block whose steps are used to propose a chip."""
+"""Largest number of readings, at the start, whose steps are used to propose a chip."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Request:
-    """Options of a caller of `contents`, and the field at the place."""
+    """Options of a call of `contents`, and the field at the place."""
 
     columns: str | None = None
     unit: str | None = None
@@ -74,38 +74,39 @@ class Request:
 class RecordedSensor:
     """One magnetometer of a recording."""
 
-    number: int  # from 1, for ``--sensor``
+    number: int  # number of the sensor for ``--sensor``, from 1
     name: str  # name of the instrument or of its columns
     unit: str  # unit of the recorded numbers
     unit_of_field: str  # unit of `lowest`, `highest` and `strength`
-    readings: int  # count of readings
-    seconds: float | None = None  # from the first to the last reading; None without a clock, as the next two
-    rate_hz: float | None = None  # mean rate, without the longest step
-    longest_gap_s: float | None = None  # the longest step, if it is a gap
-    backward_steps: int = 0  # count of steps of the clock that go back
-    repeats: int = 0  # count of readings equal to the one before
+    readings: int  # number of readings
+    seconds: float | None = None  # time from the first to the last reading; None without a clock
+    rate_hz: float | None = None  # mean rate without the longest step; None without a clock
+    longest_gap_s: float | None = None  # the longest step if it is a gap, else None
+    backward_steps: int = 0  # number of steps back in time
+    repeats: int = 0  # number of readings equal to the previous one
     rails: tuple[str, ...] = ()  # ends of axes at which the sensor was saturated
     lowest: tuple[float, ...] = ()  # (3,): smallest reading of each axis
     highest: tuple[float, ...] = ()  # (3,): largest reading of each axis
-    onboard_calibration: str = ""  # the calibration that was in force, in words
-    is_as_logged: bool = False  # whether that calibration was left applied
-    is_raw: bool = False  # whether readings were logged before that calibration, so that it need not be removed
+    onboard_calibration: str = ""  # the onboard calibration, in words
+    is_as_logged: bool = False  # whether the onboard calibration was not removed from the readings
+    is_raw: bool = False  # whether readings were logged before the onboard calibration, so that it need not be removed
     auxiliary: tuple[str, ...] = ()  # columns recorded with it, such as time and acceleration
-    too_few: str = ""  # sentence that there are too few readings for a fit; empty if there are enough
+    too_few: str = ""  # sentence that the readings are too few for a fit; empty if they are enough
     unmoved: str = ""  # sentence that the sensor was hardly turned; empty if it was turned
-    coverage: float | None = None  # share of all directions; None if no ellipsoid fits, or the sensor was hardly turned
-    strength: float | None = None  # of the field by that ellipsoid; None if the coverage is too small
-    columns: tuple[str, ...] = ()  # of a table, names of the columns of x, y and z
+    # fraction of all directions covered; None if no ellipsoid fits, or if the sensor was hardly turned
+    coverage: float | None = None
+    strength: float | None = None  # field strength by that ellipsoid; None if the coverage is too small
+    columns: tuple[str, ...] = ()  # names of the columns of x, y and z, in a table
     resembles: str = ""  # quantity that its values resemble, such as gravity, if no name states a magnetometer
     chip: ChipProposal | None = None  # chips proposed by names and readings, with unit and axes; None if unknown
-    ignored_time: str = ""  # names of columns with the name of a time, if none is read
+    ignored_time: str = ""  # names of columns that are called a time but are not read, if no time is read
     notes: tuple[str, ...] = ()  # other notes, a sentence each
 
     @classmethod
     def of(cls, number: int, instrument: Instrument, request: Request) -> Self:
-        """Read one magnetometer once; if its unit or columns are not given, its values may show them.
+        """Read one magnetometer in one pass; if its unit or columns are not given, its values may show them.
 
-        Raises `InputError` if it has no readings.
+        Raises `InputError` if there are no readings.
         """
         watched = _WatchedInstrument(instrument)
         summary = Summary.of_recording(watched)
@@ -147,7 +148,7 @@ class RecordedSensor:
 
     @classmethod
     def without_readings(cls, number: int, instrument: Instrument, error: InputError) -> Self:
-        """Create the entry of a magnetometer without readings."""
+        """Entry for a magnetometer without readings."""
         unit, notes = instrument.unit, (error.message, *instrument.notes)
         return cls(
             number=number, name=instrument.name, unit=unit.name, unit_of_field=unit.inside, readings=0, notes=notes
@@ -155,7 +156,7 @@ class RecordedSensor:
 
     @property
     def is_fit_for_use(self) -> bool:
-        """Whether it can be calibrated: it is a magnetometer, was turned, and has enough readings."""
+        """Whether the sensor can be calibrated: a magnetometer that was turned, with enough readings."""
         return bool(self.readings) and not (self.resembles or self.too_few or self.unmoved)
 
     def __str__(self) -> str:
@@ -175,12 +176,12 @@ class RecordedSensor:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contents:
-    """Contents of a file."""
+    """Contents of a recording file."""
 
     source: str  # path of the file
     format: str  # its format
-    bytes: int | None  # its size
-    start: str | None  # date and time, UTC
+    bytes: int | None  # size of the file
+    start: str | None  # date and time of the start, UTC
     position: tuple[float, float, float] | None  # latitude and longitude, °, north and east positive; altitude, m
     site: SiteField | None  # field at the position by the model
     sensors: tuple[RecordedSensor, ...]  # its magnetometers
@@ -193,7 +194,7 @@ class Contents:
         return f"Contents({Path(self.source).name}, {self.format}: {held})"
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready, with the names of the attributes as keys."""
+        """JSON-ready fields, by the names of the attributes."""
         return {**asdict(self), "site": None if self.site is None else self.site.as_dict()}
 
 
@@ -214,18 +215,18 @@ def contents(
     Parameters
     ----------
     source : path or Log
-        Anything that `flinders.open_log` opens, or a `Log` from it.
+        A path for `flinders.open_log`, or a `Log` from it.
     topic : str, optional
-        The one magnetometer of a log, or member of an archive.
+        One magnetometer of a log, or one member of an archive.
     columns, unit
-        As for `flinders.open_log`. If they are not given, the values may show the unit, and that columns without known
-        names are no magnetometer.
+        As for `flinders.open_log`. If they are not given, the values may show the unit, or that columns with unknown
+        names are not a magnetometer.
     chip : str, optional
-        Name of the magnetometer chip, or of the package that contains it, if no name in the file states it.
+        Name of the magnetometer chip, or of a package that contains it, if the file does not name it.
     site : SiteField, optional
-        The field at the place; by default that of a log that states place and time.
+        Field at the place; by default that of a log that states place and time.
     spell : callable
-        Spells arguments in notes for an interface.
+        Writes arguments in notes in the form of an interface.
     **reading
         Other parameters of `flinders.open_log`, if `source` is a path.
 
@@ -262,7 +263,7 @@ def contents(
 def _sensors_of(log: Log, topic: str | None, request: Request) -> tuple[RecordedSensor, ...]:
     """Read the magnetometers of a log, or the one of a topic.
 
-    Raises `InputError` if none of them has readings; `UsageError` if the log does not have the topic.
+    Raises `InputError` if none of them has readings, and `UsageError` if the log does not have the topic.
     """
     wanted = log.instruments if topic is None or log.is_table else (log.sensor(topic),)
     sensors, errors = [], []
@@ -279,7 +280,7 @@ def _sensors_of(log: Log, topic: str | None, request: Request) -> tuple[Recorded
 
 
 def unit_remark(strength: float | None, inside: str, spell: Spelling = python_arguments) -> str:
-    """Sentence on the unit in which the strength of readings without a unit would be the earth's; it is no proof.
+    """Sentence on the unit in which readings without a unit would have the strength of the earth's field.
 
     >>> unit_remark(480.0, "counts")
     "as mG the strength would be the earth's: add unit='mG' if that is their unit, or scale with the µT of a count"
@@ -294,7 +295,7 @@ def unit_remark(strength: float | None, inside: str, spell: Spelling = python_ar
 
 
 class _WatchedInstrument(RecordingWrapper):
-    """An instrument that stores its first block and the names of its auxiliary columns while it is read."""
+    """An instrument that keeps its first block, and the names of its auxiliary columns, while it is read."""
 
     def __init__(self, instrument: Instrument) -> None:
         self.recording = instrument
@@ -317,7 +318,7 @@ def _has(block: Samples, name: str) -> bool:
 
 
 def _pace(clock: TimeStamps) -> dict[str, Any]:
-    """Duration, rate and gaps as attributes of `RecordedSensor`; the rate excludes the longest gap."""
+    """Duration, rate and gaps as fields of `RecordedSensor`; the rate excludes the longest step."""
     step = (clock.seconds - clock.longest_step) / max(clock.steps - 1, 1)
     return {
         "seconds": clock.seconds if step > 0 else None,
@@ -328,7 +329,7 @@ def _pace(clock: TimeStamps) -> dict[str, Any]:
 
 
 def _coverage_and_strength(summary: Summary) -> tuple[float | None, float | None]:
-    """Covered share of all directions, and strength of the field, by the ellipsoid through the readings."""
+    """Covered fraction of all directions, and field strength, by the ellipsoid through the readings."""
     try:
         surface: Fit | None = fit(summary, method="consistent")
     except FitError as refusal:
@@ -340,7 +341,7 @@ def _coverage_and_strength(summary: Summary) -> tuple[float | None, float | None
 
 
 def _too_few_words(summary: Summary) -> str:
-    """Sentence that there are too few different readings for a fit; empty if there are enough."""
+    """Sentence that the different readings are too few for a fit; empty if they are enough."""
     found, total, needed = summary.health.distinct, summary.health.rows, Likelihood.unknowns
     if found >= needed:
         return ""
@@ -349,7 +350,7 @@ def _too_few_words(summary: Summary) -> str:
 
 
 def _unmoved_words(summary: Summary, unit: str) -> str:
-    """Sentence that the sensor was hardly turned; empty if it was turned, or for few readings."""
+    """Sentence that the sensor was hardly turned; empty if it was turned, or if there are few readings."""
     if summary.health.rows < Likelihood.unknowns:
         return ""
     try:
@@ -360,7 +361,7 @@ def _unmoved_words(summary: Summary, unit: str) -> str:
 
 
 def _resemblance(instrument: Instrument, first: Samples | None) -> str:
-    """Quantity that the values of unnamed columns resemble; empty if they resemble a magnetometer."""
+    """Quantity that the values of unnamed columns resemble; empty if they resemble a magnetic field."""
     columns, names = instrument.name.partition("columns ")[1:]
     is_named = any(not (name.isdecimal() or meaning(name).is_bare) for name in names.split(", "))
     if first is None or not columns or is_named or instrument.unit.inside != COUNTS:
@@ -369,7 +370,7 @@ def _resemblance(instrument: Instrument, first: Samples | None) -> str:
 
 
 def propose_chip_of(samples: Samples, spell: Spelling = python_arguments) -> ChipProposal | None:
-    """Propose unit and axes for samples in memory, by their counts; None if these are not sufficient.
+    """Propose unit and axes for samples in memory, by their counts; None if the counts are not sufficient.
 
     >>> from flinders import simulate
     >>> propose_chip_of(simulate.tumble(seed=1).samples) is None  # they are in microtesla
@@ -411,7 +412,7 @@ def _proposal_for(
 
 
 def _chips_by_name(instrument: Instrument, given: Chip | None) -> tuple[tuple[Chip, ...], str]:
-    """Chips that match a name, and its source: the caller, a device id, the instrument, the columns, or the file."""
+    """Chips that match a name, and where the name is from: the caller, a device id, instrument, columns or file."""
     if given is not None:
         return (given,), "the request"
     if instrument.autopilot is not None and instrument.device_id is not None:

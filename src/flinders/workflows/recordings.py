@@ -1,4 +1,4 @@
-"""Recordings in the unit and axes of a calibration, and detection of those that the calibration was made from.
+"""Recordings in the unit and axes of a calibration, and recognition of those that the calibration was made from.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -42,9 +42,9 @@ if TYPE_CHECKING:
 
 
 def fit_for(calibration: AnyCalibration) -> Fit:
-    """A calibration as a `Fit`: without a claim for a `Calibration`; loaded from a path.
+    """A calibration as a `Fit`: a `Calibration` without a claim, or a file that is loaded.
 
-    Raises `UsageError` for another type, as when recording and calibration are exchanged.
+    Raises `UsageError` for another type, such as a recording in the place of the calibration.
     """
     if isinstance(calibration, Fit):
         return calibration
@@ -59,16 +59,16 @@ def fit_for(calibration: AnyCalibration) -> Fit:
 
 
 def identity_fit(recording: Recording) -> Fit:
-    """The identity as a calibration, for a recording that is used as it is."""
+    """The identity as a calibration, for a recording that is used without correction."""
     length = float(np.median(np.linalg.norm(next(iter(recording.blocks())).field, axis=1)))
     calibration = Calibration.identity(field_strength=length, raw=recording.unit, axes=recording.axes)
     return bare_fit(calibration, name="no calibration")
 
 
 def compensation_at(fit: Fit, at: Mapping[str, float] | None) -> tuple[Fit, Compensator]:
-    """The fit for compensated readings, and the compensator.
+    """The fit for compensated readings, and the compensator of disturbances.
 
-    `at` has values of disturbances by name, in place of recorded ones.
+    `at` has values of disturbances by name, which replace recorded ones.
     """
     compensator = Compensator(fit.calibration.hold_values(**(at or {})))
     return with_calibration(fit, compensator.calibration.affine), compensator
@@ -82,8 +82,8 @@ def recording_for(source: AnyReadings, fit: Fit) -> Recording:
     Parameters
     ----------
     source : Samples, Recording, (N, 3) array-like, path, open file, data frame, or list of these but arrays
-        An array is assumed to be in the unit and axes of the calibration. Of a log or table of several
-        magnetometers, that of the calibration is read.
+        Raw readings. An array is assumed to be in the unit and axes of the calibration. If a log or table has several
+        magnetometers, the one that the calibration is for is read.
     """
     if isinstance(source, list | tuple) and source and (is_source(source[0]) or hasattr(source[0], "blocks")):
         parts = tuple(recording_for(each, fit) for each in source)
@@ -106,9 +106,9 @@ def recording_for(source: AnyReadings, fit: Fit) -> Recording:
 
 
 def open_with(fit: Fit, recording: AnySource, *, sensor: str | None = None, **reading: Any) -> Recording:
-    """Open a recording in the unit and axes of a calibration; of several magnetometers, that of the calibration.
+    """Open a recording in the unit and axes of a calibration, with the magnetometer that the calibration is for.
 
-    If the table has the form of one from which the calibration was made, the same columns are read; `reading` has
+    If a table has the form of one that the calibration was made from, the same columns are read. `reading` has
     parameters of `flinders.open_recording`.
     """
     calibration = fit.calibration
@@ -122,7 +122,7 @@ def open_with(fit: Fit, recording: AnySource, *, sensor: str | None = None, **re
 
 
 def require_same_frame(calibration: Calibration, recording: Recording) -> None:
-    """Convert a recording to the calibration's unit; refuse another kind of unit, or other axes."""
+    """Convert a recording to the calibration's unit; raise an error if that is impossible or the axes differ."""
     if isinstance(recording, TextRecording | TableRecording) and not recording.states_unit:
         recording.unit = calibration.raw
     refuse_other_frame(calibration.frame, recording)
@@ -135,9 +135,9 @@ def require_same_frame(calibration: Calibration, recording: Recording) -> None:
 
 
 def refuse_other_frame(frame: str, recording: Recording) -> None:
-    """Raise `AxesError` if recording and calibration are in axes of the vehicle and of the sensor, in either order.
+    """Raise `AxesError` if recording and calibration differ in their frame, one ``sensor`` and the other ``vehicle``.
 
-    A table does not state that it is in axes of the sensor.
+    A table does not state its frame.
     """
     found = frame_of(recording)
     says_nothing = isinstance(recording, TextRecording | TableRecording) and found == "sensor"
@@ -149,9 +149,9 @@ def refuse_other_frame(frame: str, recording: Recording) -> None:
 
 
 def own_recordings(fit: Fit, recordings: Iterable[Recording]) -> list[str]:
-    """Names of those recordings from which a calibration was made, by its provenance.
+    """Names of those recordings that a calibration was made from, by its provenance.
 
-    A log with the calibration on board is none of them, as its readings were not used.
+    A log whose onboard calibration was imported does not count, since its readings were not used.
     """
     known = {file.sha256 for file in fit.provenance.files if file.rows}
     files = [(recording.source, file_of(recording)) for recording in recordings if known]
@@ -159,7 +159,7 @@ def own_recordings(fit: Fit, recordings: Iterable[Recording]) -> list[str]:
 
 
 def sha256(file: File) -> str:
-    """SHA-256 of the bytes of a file on disk; for standard input of its temporary copy."""
+    """SHA-256 of the bytes of a file on disk; for standard input, of its temporary copy."""
     digest = hashlib.sha256()
     with file.open_streams() as (raw, _):
         while chunk := raw.read(1 << 20):
@@ -169,14 +169,14 @@ def sha256(file: File) -> str:
 
 
 def file_of(recording: Recording) -> File | None:
-    """The file of a recording, also of a table made from printed lines of a board; None for one in memory."""
+    """File of a recording, even if it was converted from a board's printed lines; None for a recording in memory."""
     read: Any = getattr(recording, "recording", recording)
     file: File | None = getattr(read, "original", None) or getattr(read, "file", None)
     return file
 
 
 def with_left_out(error: TooFewSamples, parts: Iterable[Recording]) -> TooFewSamples:
-    """The error, extended by rows that were left out of the recordings, which may be the reason."""
+    """The error with the rows that were left out of the recordings, which may be its reason."""
     skipped = [entry for part in parts for entry in getattr(part, "skipped", ()) if entry.is_loss]
     return TooFewSamples(
         found=error.found, needed=error.needed, method=error.method, among=error.among, skipped=skipped, how=error.how

@@ -1,4 +1,4 @@
-"""Restoration of a fit from its calibration file and a recording, without fitting.
+"""Restoration of a fit from its calibration file and a recording, without a new fit.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -40,20 +40,20 @@ if TYPE_CHECKING:
     from flinders.workflows.recordings import AnyCalibration, AnyReadings
 
 MIN_STRENGTH, MAX_STRENGTH = 0.97, 1.03
-"""Limits of the mean strength of a matching recording, as shares of the calibration's field."""
+"""Limits of the mean length of corrected readings in a matching recording, relative to the calibration's field."""
 
 MAX_SPREAD: Final = 0.05
-"""Largest spread of the strength of a matching recording."""
+"""Largest spread of the lengths in a matching recording, relative to their mean."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RestoredFit:
     """A fit restored from a calibration and a recording."""
 
-    known: Fit  #: calibration as loaded
-    recording: Recording  #: recording in its unit and axes
-    fit: Fit  #: calibration with the noise and coverage of the recording, if it states none
-    notes: tuple[Note, ...]  #: notes if the recording does not match
+    known: Fit  #: calibration as it was loaded
+    recording: Recording  #: recording in the unit and axes of the calibration
+    fit: Fit  #: calibration with the noise and coverage of the recording, if it states none itself
+    notes: tuple[Note, ...]  #: notes on a recording that does not match
 
 
 @check_keywords(PARAMETERS_ELSEWHERE)
@@ -65,16 +65,16 @@ def restore(
     Parameters
     ----------
     source : Samples, Recording, (N, 3) array-like, path, open file, data frame, or list of these but arrays
-        Raw readings, as for `flinders.apply`: those of the calibration, or others of the same sensor.
+        Raw readings, as for `flinders.apply`: those of the calibration, or others from the same sensor.
     calibration : Fit, Calibration or path
-        Without a stated uncertainty the result claims none, with a finding on that.
+        Calibration. If it states no uncertainty, the result claims none and has a finding about that.
     target_deg, dip_deg : float, degrees
         Target, and dip for the heading error; by default those of the file, else 1° and 60°.
 
     Raises
     ------
     InputError, UnitError, AxesError
-        As `flinders.apply`.
+        The errors of `flinders.apply`.
     """
     known = fit_for(calibration)
     recorded = recording_for(source, known)
@@ -86,7 +86,7 @@ def restore(
 
 
 def _notes(known: Fit, field: Floats) -> Iterator[Note]:
-    """Notes if (N, 3) compensated readings from elsewhere do not match a calibration."""
+    """Notes if (N, 3) compensated readings of another recording do not match the calibration."""
     strength = LengthSums.of_corrected(known.calibration.affine, field)
     if not MIN_STRENGTH <= strength.mean <= MAX_STRENGTH or strength.spread > MAX_SPREAD:
         yield Note("odd-strength", values={"mean": strength.mean, "spread": strength.spread})
@@ -95,7 +95,7 @@ def _notes(known: Fit, field: Floats) -> Iterator[Note]:
 
 
 def _restore(fit: Fit, field: Floats, target_deg: float | None, dip_deg: float | None) -> Fit:
-    """The fit with noise and coverage of (N, 3) compensated readings; another dip changes the heading error."""
+    """The fit with noise and coverage of (N, 3) compensated readings; a new dip changes its heading error."""
     dip = fit.claim.known_dip_deg if dip_deg is None else math.copysign(dip_deg, dip_deg * fit.claim.known_dip_deg)
     no_uncertainty = certain_finding({"is_unstated": 1.0, "unstated_deg": math.nan}, "no-uncertainty")
     unstated = () if fit.claim.states_uncertainty else (no_uncertainty,)
@@ -120,7 +120,7 @@ def _restore(fit: Fit, field: Floats, target_deg: float | None, dip_deg: float |
 
 
 def _coverage(field: Floats, ellipsoid: Ellipsoid) -> Coverage:
-    """Coverage of readings by the directions under a calibration."""
+    """Coverage of directions by readings, as the calibration corrects them."""
     if not len(field):
         return Coverage.of(np.array([[0.0, 0.0, 1.0]]), np.zeros(1))
     return Coverage.of_cloud(Cloud.of(field), ellipsoid)

@@ -37,23 +37,23 @@ def fit_each(
 ) -> dict[str, Outcome]:
     """Calibrate each magnetometer of a log or table separately.
 
-    `flinders.fit_multi` calibrates those of one body together, which needs readings at the same times.
+    `flinders.fit_multi` calibrates the magnetometers of one body together, which needs readings at the same times.
 
     Parameters
     ----------
     source : path, Log, or mapping of str to Recording
-        A log or table of several magnetometers, as `flinders.open_log` reads it; or recordings by the names of their
+        A log or table with several magnetometers, as `flinders.open_log` reads it; or recordings by the names of their
         sensors.
     by : Filter or str, optional
         A filter for the readings, such as ``"median:5"``; a finding states its effect.
     **options
-        Those of `flinders.fit` except `sensor`. The site is by default that in the log.
+        Parameters of `flinders.fit`, except `sensor`. By default the site is that in the log.
 
     Returns
     -------
     dict of str to Fit or FlindersError
-        By the name of each sensor, in their order: the fit, or the error if it cannot be fitted or read. `Refused`
-        carries a fit that cannot be trusted.
+        By the name of each sensor, in order: the fit, or the error if the sensor cannot be read or fitted. `Refused`
+        contains a fit that cannot be trusted.
 
     Raises
     ------
@@ -76,9 +76,10 @@ def fits_of(
     notice: Callable[[str], object] = str,
     **options: Any,
 ) -> Iterator[tuple[str, Outcome]]:
-    """Yield the name of each sensor with its fit or error; parameters as for `fit_each`.
+    """Yield the name of each sensor with its fit or error; parameters are those of `fit_each`.
 
-    `notice` is called with a line of advice if there is a calibration only without the filter; ignored by default.
+    `notice` is called with a line of advice if only the unfiltered readings give a calibration; by default the advice
+    is ignored.
     """
     for name, recording in recordings.items():
         try:

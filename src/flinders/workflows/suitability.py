@@ -1,7 +1,8 @@
-"""Test whether readings suit the calibration that corrects them, by the length of the corrected field.
+"""Test of whether readings suit the calibration that corrects them, by the length of the corrected field.
 
-The mean length of corrected readings is about that of the field, and its spread within the noise and the claim of the
-calibration. Another sensor, another unit, iron that was added or removed, and a dead axis change the lengths.
+For suitable readings the mean length of corrected readings is about that of the field, and the spread of lengths is
+what noise and claim of the calibration explain. Another sensor, another unit, added or removed iron, and a dead axis
+change the lengths.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -35,39 +36,39 @@ if TYPE_CHECKING:
 MAX_LENGTH_RATIO: Final = 3.0
 """Largest factor by which the first corrected readings may be too long or too short.
 
-Beyond it they are refused, as readings of another sensor or unit.
+Beyond it they are refused as readings of another sensor or unit.
 """
 
 MAX_STRENGTH_RATIO: Final = 1.3
-"""Largest factor between the mean strength and that of the calibration."""
+"""Largest factor between the mean length of corrected readings and the calibration's field strength."""
 
 MAX_SPREAD: Final = 0.1
-"""Largest spread of the strength, and the limit for a calibration that states no uncertainty."""
+"""Largest relative spread of lengths, and its limit for a calibration that states no uncertainty."""
 
 MAX_SPREAD_RATIO: Final = 3.0
-"""Largest ratio of the measured spread of lengths to the spread expected from noise and claim.
+"""Largest ratio of the measured spread of lengths to the spread that noise and claim explain.
 
 Of 992 suitable recordings none exceeds it (``python -m benchmarks.suitability``).
 """
 
 MIN_SPREAD: Final = 0.02
-"""Smallest limit of the spread: 2 % change a heading by 3° and more."""
+"""Smallest limit of the relative spread: a spread of 2 % can change a heading by 3° and more."""
 
 MAX_DEVIATION_SPREADS: Final = 3.0
-"""Largest deviation of an inlier from the median length, as a multiple of `spread_limit`."""
+"""Largest deviation of an inlier from the median length, in multiples of `spread_limit`."""
 
 MAX_OUTLIER_SHARE: Final = 0.1
-"""Largest share of outliers in suitable readings."""
+"""Largest share of outliers among suitable readings."""
 
 MIN_READINGS: Final = 100
-"""Smallest count of readings for the test for a stuck axis."""
+"""Smallest number of readings for the test for a stuck axis."""
 
 
 class CorrectionMonitor:
-    """Correction by a fit, block by block, with a test whether the result is plausible.
+    """Correction by a fit, block by block, with a test of whether the result is plausible.
 
-    `strength` has the statistics of all corrected readings, `inliers` those without the outliers of each block, and
-    `spread_limit` is the largest spread of suitable readings.
+    `strength` has the statistics of all corrected readings, and `inliers` those without the outliers of each block.
+    `spread_limit` is the largest spread of lengths for suitable readings.
     """
 
     def __init__(self, fit: Fit, source: str) -> None:
@@ -80,7 +81,7 @@ class CorrectionMonitor:
     def __call__(self, readings: Floats) -> Floats:
         """Correct (N, 3) readings, in the calibration's unit and axes.
 
-        Raises `InputError` if the first block is of another sensor or unit.
+        Raises `InputError` if the first block is from another sensor or in another unit.
         """
         corrected = self._calibration.apply(readings)
         strength = np.linalg.norm(corrected, axis=1) / self._calibration.field_strength
@@ -99,13 +100,13 @@ class CorrectionMonitor:
         return corrected
 
     def check_resemblance(self, samples: Samples) -> None:
-        """Test whether samples without a stated quantity resemble another quantity than a magnetic field."""
+        """Test whether samples without a stated quantity look like a quantity other than a magnetic field."""
         if samples.nameless and not self._resembles:
             self._resembles, self._columns = describe_doubt(samples), samples.nameless
 
     @property
     def is_plausible(self) -> bool:
-        """Whether mean and spread of the corrected lengths, without outliers, are within their limits."""
+        """Whether mean and spread of the corrected lengths, outliers excluded, are within their limits."""
         readings, inliers = self.strength.readings, self.inliers
         if inliers.readings < (1.0 - MAX_OUTLIER_SHARE) * readings:
             return False
@@ -114,14 +115,14 @@ class CorrectionMonitor:
 
     @property
     def stuck_axes(self) -> dict[str, float]:
-        """Axes that are constant in all readings, with their values."""
+        """Value of each axis that is constant in all readings, by axis."""
         if self.strength.readings < MIN_READINGS:
             return {}
         extremes = zip("xyz", self._lowest.tolist(), self._highest.tolist(), strict=True)
         return {axis: lowest for axis, lowest, highest in extremes if lowest == highest}
 
     def notes(self) -> tuple[Note, ...]:
-        """Notes on unsuitable readings and possible causes; empty if they suit."""
+        """Notes on unsuitable readings and on possible causes; empty for suitable readings."""
         readings = self.strength.readings
         if self._resembles:
             return (Note("looks-like", "limits", {"what": self._resembles, "columns": self._columns}),)

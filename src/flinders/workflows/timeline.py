@@ -1,4 +1,4 @@
-"""Timeline of an online calibration: a bounded count of points, dense at the end and thinned before.
+"""Timeline of an online calibration, with a bounded number of points: dense at the end, thinned before.
 
 The points depend only on the times of the readings, not on their division into blocks.
 
@@ -23,30 +23,30 @@ Doing = Literal["learning", "undisturbed", "disturbed"]
 Code = Literal["learnt", "contradicted", "passed", "moved", "adopted", "clock-back", "taken-back", "other-release"]
 
 POINT_INTERVAL_S: Final = 60.0
-"""Time between points without an event."""
+"""Time in s between points without an event."""
 MAX_POINTS: Final = 1000
 MAX_POINTS_AFTER_THINNING: Final = 750
-"""Largest count of points after thinning."""
+"""Largest number of points after thinning."""
 MAX_EVENT_POINTS: Final = 300
-"""Count of the newest points with events, which are never thinned."""
+"""Number of the newest points with events; these are never thinned."""
 MIN_AGE_RATIO: Final = 32.0
-"""Smallest ratio of the age of points to their distance in time, so that recent points stay dense."""
+"""Smallest ratio of a point's age to its distance from the next point, so that recent points stay dense."""
 UNKNOWN_VECTOR: Final = (math.nan, math.nan, math.nan)
 
 
 @dataclass(frozen=True, slots=True)
 class OnlinePoint:
-    """State at a time; numbers are NaN while there is no calibration."""
+    """State of an online calibration at a time; numbers are NaN without a calibration."""
 
-    time_s: float  #: on the clock of the readings
+    time_s: float  #: time in s, by the clock of the readings
     doing: Doing
-    heading_error_deg: float = math.nan  #: with the calibration in force, worst heading, 1 σ
+    heading_error_deg: float = math.nan  #: worst heading error with the calibration in force, 1 σ
     bound_deg: float = math.nan  #: 95 % bound of the error at all headings
     offset: tuple[float, float, float] = (
         UNKNOWN_VECTOR  #: newest estimate, in force or not, as `Calibration.offset`: µT or counts
     )
-    offset_sigma: tuple[float, float, float] = UNKNOWN_VECTOR  #: 1 σ of each of its components
-    is_read: bool = True  #: whether there were readings; False for a time within a gap
+    offset_sigma: tuple[float, float, float] = UNKNOWN_VECTOR  #: 1 σ of each component of `offset`
+    is_read: bool = True  #: whether there were readings at this time; False within a gap
     events: tuple[Code, ...] = ()  #: codes of events at this time
 
 
@@ -57,7 +57,7 @@ class Timeline:
     ----------
     points : list of OnlinePoint
     due_s : float
-        Time at which the next point is due.
+        Time in s at which the next point is due.
     """
 
     def __init__(self) -> None:
@@ -66,7 +66,7 @@ class Timeline:
         self._interval_s = POINT_INTERVAL_S
 
     def put(self, point: OnlinePoint) -> None:
-        """Add a point; a point of the same time replaces the last one and keeps its events."""
+        """Add a point; if the last point has the same time, the new one replaces it and keeps its events."""
         if self.points and self.points[-1].time_s == point.time_s:
             point = replace(point, events=self.points.pop().events + point.events)
         self.points.append(point)
@@ -75,7 +75,7 @@ class Timeline:
             self._thin()
 
     def _thin(self) -> None:
-        """Remove points that are closer than an interval, which is doubled until enough are removed."""
+        """Remove points that are closer than an interval; the interval is doubled until enough are removed."""
         eventful = [index for index, point in enumerate(self.points) if point.events]
         always = {0, len(self.points) - 1, *eventful[-MAX_EVENT_POINTS:]}
         first, now = self.points[0].time_s, self.points[-1].time_s
@@ -91,7 +91,7 @@ class Timeline:
         self.points = kept[-MAX_POINTS_AFTER_THINNING:]
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready: for each point a row of numbers and words, with null for NaN."""
+        """JSON-ready rows of numbers and words, one for each point; null stands for NaN."""
         rows = [
             [
                 point.time_s, point.doing, point.is_read, point.events,
@@ -106,7 +106,7 @@ class Timeline:
 
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> Self:
-        """Read the output of `as_dict`; ValueError, TypeError or KeyError for anything else."""
+        """Read the output of `as_dict`; `ValueError`, `TypeError` or `KeyError` for anything else."""
         timeline = cls()
         timeline._interval_s = float(content["interval_s"])
         timeline.points = [_point(*row) for row in content["points"]]
@@ -117,12 +117,12 @@ class Timeline:
 
 
 def _due_s(time_s: float) -> float:
-    """Time at which the point after `time_s` is due."""
+    """Time in s at which the point after `time_s` is due."""
     return (math.floor(time_s / POINT_INTERVAL_S) + 1.0) * POINT_INTERVAL_S
 
 
 def _point(time_s: float, doing: Doing, is_read: bool, events: list[Code], *rest: float | None) -> OnlinePoint:
-    """A point from a row of a file, without events unknown to this release; ValueError for an invalid row."""
+    """A point from a row of a file; events that this release does not know are left out, `ValueError` if invalid."""
     if doing not in get_args(Doing):
         raise ValueError("a point of its timeline is invalid")
     error, bound, x, y, z, of_x, of_y, of_z = (math.nan if number is None else float(number) for number in rest)

@@ -1,8 +1,8 @@
-"""Random walk of the offset of a sensor, from estimates of the offset over time.
+"""Random walk of a sensor's offset, from estimates of the offset over time.
 
-The rate of the walk and a factor on the claimed variances of the estimates are found together, by a Kalman filter for
-each pair of a rate and a factor. Its innovations have Student's distribution, so that a step is not mistaken for a
-walk.
+The rate of the walk is estimated together with a factor on the claimed variances of the estimates, by a Kalman filter
+for each pair of rate and factor. Its innovations have Student's distribution, so that a single step does not look like
+a walk.
 
 >>> rng = np.random.default_rng(1)
 >>> hours = np.arange(0.0, 400.0, 4.0)
@@ -29,29 +29,29 @@ if TYPE_CHECKING:
     Flags = NDArray[np.bool_]
 
 MIN_STEPS: Final = 8
-"""Smallest count of steps between estimates for a walk."""
+"""Smallest number of steps between estimates for a random walk."""
 DEGREES_OF_FREEDOM: Final = 4.0
 """Degrees of freedom of Student's distribution of the innovations."""
 STUDENT_SCALE: Final = 0.8310
-"""Scale at which Student's distribution is nearest to a normal distribution of scale 1."""
+"""Scale at which Student's distribution is nearest to the standard normal distribution."""
 VARIANCE_FACTORS: Final = np.geomspace(1.0 / 16.0, 4.0, 7)
-"""Trial factors on the claimed variances of estimates."""
+"""Grid of factors on the claimed variances of the estimates, from which the best is chosen."""
 
 
 def walk_of(time_s: Floats, offset: Floats, sigma: Floats, moved: Flags | None = None) -> Walk | None:
-    """Random walk of an offset; None for fewer than `MIN_STEPS` steps.
+    """Random walk of an offset; None if there are fewer than `MIN_STEPS` steps.
 
-    Estimates that follow the offset slowly change less between times than the offset. If every other estimate shows a
-    larger rate, that rate is used.
+    Estimates that follow the offset slowly change less between neighbouring times than the offset does. If every other
+    estimate gives a larger rate, that rate is used.
 
     Parameters
     ----------
     time_s : (n,) s
         Ascending.
     offset, sigma : (n, 3)
-        Estimates and their claimed 1 σ. An axis that hardly changes is left out.
+        Estimates, and their claimed 1 σ. An axis that hardly changes is left out.
     moved : (n,) bool, optional
-        Whether the offset moved in a step since the estimate before, which is not part of the walk.
+        Whether the offset moved since the previous estimate; such a step is not part of the walk.
     """
     moves = np.zeros(len(time_s), int) if moved is None else np.cumsum(moved)
     walk: Walk | None = None
@@ -66,7 +66,7 @@ def walk_of(time_s: Floats, offset: Floats, sigma: Floats, moved: Flags | None =
 
 
 def _walk_of(time_s: Floats, offset: Floats, sigma: Floats, moved: Flags) -> Walk | None:
-    """Random walk by these estimates alone; None if no axis changes."""
+    """Random walk by these estimates as they are; None if no axis changes."""
     steps = np.diff(offset, axis=0)[~moved[1:]]
     if len(steps) < MIN_STEPS or not (axes := np.mean(steps != 0.0, axis=0) > 0.5).any():
         return None
@@ -82,7 +82,7 @@ def _walk_of(time_s: Floats, offset: Floats, sigma: Floats, moved: Flags) -> Wal
 
 
 def _log_likelihood(hours: Floats, offset: Floats, variance: Floats, rates: Floats, moved: Flags) -> Floats:
-    """(rates, factors) logarithms of likelihoods."""
+    """(rates, factors) logarithms of the likelihood."""
     walk, share = (rates**2)[:, np.newaxis, np.newaxis], VARIANCE_FACTORS[:, np.newaxis]
     shape = len(rates), len(VARIANCE_FACTORS), offset.shape[1]
     at, unknown = np.broadcast_to(offset[0], shape), np.broadcast_to(share * variance[0], shape)
@@ -103,7 +103,7 @@ def _log_likelihood(hours: Floats, offset: Floats, variance: Floats, rates: Floa
 
 
 def _quantiles(rates: Floats, log_likelihood: Floats) -> tuple[float, float, float]:
-    """Ends of the 95 % interval and median of the rates, with all factors equally probable a priori."""
+    """Low end of the 95 % interval, median, and high end of the rate, with all factors equally probable a priori."""
     density = np.exp(log_likelihood - log_likelihood.max()).sum(axis=1)
     below = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2.0)])
     low, middle, high = np.exp(np.interp([0.025, 0.5, 0.975], below / below[-1], np.log(rates))).tolist()

@@ -31,7 +31,8 @@ from flinders.core.samples import RecordingWrapper, frame_of
 from flinders.core.units import MICROTESLA, Unit
 from flinders.errors import OutputError, UsageError, count_text
 from flinders.likelihood.site_field import recorded_site
-from flinders.links.recorder import FileSink, ResumedRecording, RetryingSink
+from flinders.links.recording_text import ResumedRecording
+from flinders.links.sinks import FileSink, RetryingSink
 from flinders.readers import open_recording
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ if TYPE_CHECKING:
     from flinders.core.samples import Recording, Samples
     from flinders.likelihood.site_field import Site
     from flinders.links.feeds import Feed
-    from flinders.links.recorder import Sink
+    from flinders.links.sinks import Sink
     from flinders.links.transports import ByteSource
 
 FOLDER: Final = "flinders-sessions"

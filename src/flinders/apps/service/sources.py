@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Recording, Samples
     from flinders.links.feeds import Feed, Received
-    from flinders.links.transcript import RecordingStatistics
+    from flinders.links.recording_statistics import RecordingStatistics
     from flinders.links.transports import ByteSource, StandardInput
 
 MIN_BATCH: Final = 40

@@ -1,7 +1,7 @@
-"""Dialects: formats of lines that are no table, and their conversion to rows of one.
+"""Dialects: formats of lines that are not a table, and their conversion to rows of a table.
 
-A dialect is recognised by the first lines, and then converts single lines of a file or a wire. A new one is a file
-here with a `Dialect` and a function ``recognise``, and its row of ``DIALECTS`` in `_recognition`.
+A dialect is recognised by the first lines of a text, and then converts line by line, from a file or from a sensor. To
+add one, add a file here with a `Dialect` and a function ``recognise``, and a row to ``DIALECTS`` in `_recognition`.
 """
 
 from __future__ import annotations
@@ -23,5 +23,5 @@ class Dialect:
     frame: str = "sensor"  # axes of the readings, as in `Samples`
 
     def row(self, line: str) -> Sequence[str] | None:
-        """Convert the next line: to the cells of a reading, to nothing for a part of one, to None for another line."""
+        """Cells of a reading from the next line: empty for a part of a reading, None for a line of another kind."""
         raise NotImplementedError

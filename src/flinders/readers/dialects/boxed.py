@@ -35,7 +35,7 @@ class Boxed(Dialect):
     """Rows of cells between bars."""
 
     def row(self, line: str) -> Sequence[str] | None:
-        """Split a line at its bars; a ruler, the header and the count of rows have no cells."""
+        """Split a line at its bars; a ruler, the header and the count of rows give no cells."""
         if RULER.fullmatch(line) or _COUNT.fullmatch(line):
             return ()
         cells = _cells(line)

@@ -1,7 +1,7 @@
 r"""Points of InfluxDB's line protocol: ``mag,host=a x=31.5,y=-32.2,z=46.3 1700000000000000000``.
 
-A field's name is used alone if it identifies the quantity, else after its measurement. Source: InfluxData, "Line
-protocol reference"; a time without a unit is in ns, and shorter ones in µs, ms or s.
+The name of a field is used alone if it identifies the quantity, otherwise after its measurement. Source: InfluxData,
+"Line protocol reference". A time has no unit: it is in ns, or if it has fewer digits in µs, ms or s.
 
 >>> dialect = recognise(["mag,host=a x=1,y=2,z=3 1700000000000000000", "cpu,host=a load=0.5 1700000000000000000"])
 >>> dialect.names, dialect.row("mag,host=a x=4i,y=5,z=6 1700000000200000000")
@@ -37,14 +37,14 @@ _NUMBER: Final = re.compile(r"([-+]?\d[\d.]*(?:[eE][-+]?\d+)?)[iu]?")
 
 @dataclass(slots=True)
 class Points(Dialect):
-    """Points of one series with the same fields."""
+    """Points of one series, all with the same fields."""
 
     series: str  # measurement and tags
     fields: tuple[str, ...]
     is_timed: bool
 
     def row(self, line: str) -> Sequence[str] | None:
-        """Return the time and the fields of a point; nothing for another series."""
+        """Time and fields of a point; empty for another series."""
         point = POINT.fullmatch(line.strip())
         if point is None:
             return None
@@ -55,7 +55,7 @@ class Points(Dialect):
 
 
 def recognise(lines: list[str]) -> Points | None:
-    """Find points, preferably of the most frequent magnetometer; NoMagnetometer if tags distinguish several sensors."""
+    """Find points, preferably those of the most frequent magnetometer; `NoMagnetometer` if tags distinguish sensors."""
     filled = [line.strip() for line in lines if line.strip() and not line.lstrip().startswith("#")]
     points = [point for line in filled if (point := POINT.fullmatch(line))]
     if not points or len(points) < MIN_POINT_SHARE * len(filled):
@@ -83,13 +83,13 @@ def _series(point: re.Match[str]) -> str:
 
 
 def _fields(text: str) -> dict[str, str]:
-    """The fields of a point; texts and booleans are unchanged."""
+    """Fields of a point; texts and booleans are unchanged."""
     pairs = (field.partition("=") for field in text.split(","))
     return {name: number[1] if (number := _NUMBER.fullmatch(value)) else value for name, _, value in pairs}
 
 
 def _names(series: str, fields: Sequence[str]) -> tuple[str, ...]:
-    """Names of fields, prefixed with their measurement if they do not identify the quantity."""
+    """Names of fields, with the measurement in front if they do not identify the quantity."""
     measurement = series.partition(",")[0]
     return tuple(
         name if meaning(name).kind and not meaning(name).is_bare else f"{measurement} {name}" for name in fields

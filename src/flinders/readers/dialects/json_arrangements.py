@@ -1,4 +1,4 @@
-r"""JSON with readings in another form than one record each: lists by key, names and rows, several readings per record.
+r"""JSON whose records are not one reading each: lists by key, names and rows, several readings per record.
 
 >>> arrange_records({"t": [0, 1, 2, 3, 4], "mag": {"x": [5, 5, 5, 5, 5]}, "note": "a"})[1]
 {'t': 1, 'mag.x': 5}
@@ -31,15 +31,16 @@ if TYPE_CHECKING:
 Json: TypeAlias = dict[str, Any]
 
 MIN_ROWS: Final = 5  # smallest length of a list of readings; a shorter one may be a vector or a quaternion
-MIN_TIME_LETTERS: Final = 10  # smallest length of a key that is a time since 1970, in digits, or a date, in characters
+# smallest length of a key that is a time: digits of a time since 1970, or characters of a date
+MIN_TIME_LETTERS: Final = 10
 MAX_PARTS: Final = 20  # largest number of members of a list that is searched for a table
-COMPARED_RECORDS: Final = 100  # number of records that distinguish successive readings from several sensors
-# ratio of differences within a record and between records from which a record has several sensors
+COMPARED_RECORDS: Final = 100  # number of records that are compared, to tell successive readings from several sensors
+# smallest ratio of differences within a record to those between records that shows several sensors
 MIN_SENSOR_RATIO: Final = 1.5
 
 
 def arrange_records(document: Json) -> list[Any] | None:
-    """Records of a table in one object (names and rows, lists by key, a list of records); None for other objects."""
+    """Records of a table in one object: names and rows, lists by key, or a list of records; None for other objects."""
     for body in _objects(document):
         if rows := _named_rows(body):
             return rows
@@ -56,9 +57,10 @@ def arrange_records(document: Json) -> list[Any] | None:
 
 
 def split_records(records: list[Any]) -> list[Any]:
-    """Split records with several readings into one record each; others, and those of several sensors, are unchanged.
+    """Split records with several readings into one record for each; other records are unchanged.
 
-    The time of a record is that of its first reading; the others are spread up to the time of the next record.
+    Records with one reading of each of several sensors are not split. The time of a record is that of its first
+    reading; the times of the others are spread evenly up to the next record.
     """
     inside = [_batch(record) if isinstance(record, dict) else {} for record in records[:COMPARED_RECORDS]]
     if not any(inside) or _are_sensors([batch for batch in inside if batch]):
@@ -74,7 +76,7 @@ def split_records(records: list[Any]) -> list[Any]:
 
 
 def _objects(value: Any) -> Iterator[Json]:  # noqa: ANN401 - JSON
-    """Yield the objects inside a document, outer ones first; longer lists are not searched."""
+    """Yield the objects inside a document, outer ones first; long lists are not searched."""
     if isinstance(value, dict):
         yield value
         value = list(value.values())
@@ -84,7 +86,7 @@ def _objects(value: Any) -> Iterator[Json]:  # noqa: ANN401 - JSON
 
 
 def _named_rows(body: Json) -> list[Json]:
-    """Rows of an object whose column names, such as ``columns`` or ``sensors``, are in a separate list."""
+    """Rows of an object as records, with the names from a separate list such as ``columns`` or ``sensors``."""
     for heads in filter(_is_list, body.values()):
         names = [_name(head) for head in heads]
         for rows in filter(_is_list, body.values()):
@@ -96,7 +98,7 @@ def _named_rows(body: Json) -> list[Json]:
 
 
 def _name(head: Any) -> str:  # noqa: ANN401 - JSON
-    """Name of a column: a non-numeric word, or the name in an object, with its unit."""
+    """Name of a column: a word that is not a number, or the name in an object, with its unit."""
     if isinstance(head, dict) and isinstance(head.get("name"), str):
         unit = head.get("units") or head.get("unit")
         return f"{head['name']} ({unit})" if isinstance(unit, str) else str(head["name"])
@@ -108,13 +110,13 @@ def _is_list(value: object) -> bool:
 
 
 def _as_list(value: Json) -> list[Any] | None:
-    """Values of an object whose keys are row numbers, dates or times, as in pandas; None for another object."""
+    """Values of an object whose keys are row numbers, dates or times, as pandas writes it; None for another object."""
     is_by_row = len(value) >= MIN_ROWS and all(key[:1].isdecimal() for key in value)
     return list(value.values()) if is_by_row else None
 
 
 def _lists(value: Any, name: str = "") -> dict[str, list[Any]]:  # noqa: ANN401 - JSON
-    """Find the lists of an object by path of keys; the keys of a list by time become a ``timestamp`` list."""
+    """Lists of an object, by path of keys; the keys of an object by time become a list ``timestamp``."""
     if isinstance(value, list):
         return {name: value} if value else {}
     found: dict[str, list[Any]] = {}
@@ -128,7 +130,7 @@ def _lists(value: Any, name: str = "") -> dict[str, list[Any]]:  # noqa: ANN401 
 
 
 def _names_of(table: dict[str, list[Any]]) -> list[str]:
-    """Names of the columns of a table; a vector has one for each part."""
+    """Names of the columns of a table; a vector has one for each component."""
     return [name for key, rows in table.items() for name in _parts(key, rows[0])]
 
 
@@ -139,7 +141,7 @@ def _parts(key: str, value: Any) -> list[str]:  # noqa: ANN401 - JSON
 
 
 def _batch(record: Json) -> dict[str, list[Any]]:
-    """Lists of equal length in a record that make a magnetometer; empty if there are none."""
+    """Lists of equal length in a record that are columns of a magnetometer; empty if there are none."""
     lists = _lists(record)
     for length in sorted({len(each) for each in lists.values() if len(each) > 1}, reverse=True):
         batch = {name: each for name, each in lists.items() if len(each) == length}
@@ -149,7 +151,7 @@ def _batch(record: Json) -> dict[str, list[Any]]:
 
 
 def _are_sensors(batches: Sequence[dict[str, list[Any]]]) -> bool:
-    """Tell whether a record has readings of several sensors: each is closer to its successor in the next record."""
+    """Whether a record has several sensors: each reading is closer to its successor in the next record."""
     same = [batch for batch in batches if len(_first(batch)) == len(_first(batches[0]))]
     read = [each for each in map(_readings, same) if each is not None]
     if len(read) < 2:
@@ -164,7 +166,7 @@ def _first(batch: dict[str, list[Any]]) -> list[Any]:
 
 
 def _readings(batch: dict[str, list[Any]]) -> Floats | None:
-    """(N, 3) readings of the magnetometer of a batch; None if some are not numbers."""
+    """(N, 3) readings of the magnetometer in a record's lists; None if some are not numbers."""
     names = _names_of(batch)
     columns = [list(_values(row)) for row in zip(*batch.values(), strict=True)]
     cells = vectors(names, list(map(meaning, names)), FIELD)[0].cells
@@ -175,19 +177,19 @@ def _readings(batch: dict[str, list[Any]]) -> Floats | None:
 
 
 def _values(row: Sequence[Any]) -> Iterator[Any]:
-    """Yield the numbers of a row, those of its vectors in order."""
+    """Yield the numbers of a row, with the components of its vectors in order."""
     for value in row:
         yield from value.values() if isinstance(value, dict) else value if isinstance(value, list) else [value]
 
 
 def _times(record: Json) -> dict[str, float]:
-    """Numeric times of a record, by path of keys."""
+    """Times of a record that are numbers, by path of keys."""
     leaves = {key: parse_number(str(value), ".") for key, value in _plain_values(record) if meaning(key).kind == TIME}
     return {key: value for key, value in leaves.items() if value is not None}
 
 
 def _plain_values(record: Json, name: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the values in the objects of a record that are no lists, by path of keys."""
+    """Yield the values in a record that are not lists, by path of keys."""
     for key, value in record.items():
         path = f"{name}.{key}" if name else str(key)
         if isinstance(value, dict):
@@ -197,7 +199,7 @@ def _plain_values(record: Json, name: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def _split_record(record: Json, times: dict[str, float], steps: dict[str, float]) -> Iterator[Json]:
-    """Yield a record for each reading of a record; the record itself if it has only one."""
+    """Yield a record for each reading in a record; the record itself if it has only one reading."""
     batch = _batch(record)
     if not batch:
         yield record

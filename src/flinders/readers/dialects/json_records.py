@@ -1,6 +1,6 @@
-r"""JSON: one record per line, with other lines between, or a document: a list of records or input of `arrange_records`.
+r"""JSON, as one record per line with other lines between, or as a document: a list of records or a table.
 
-A record is an object, or a list of numbers.
+A record is an object or a list of numbers. `arrange_records` finds the records of a table.
 
 >>> dialect = recognise(["ready", '{"t": 0.1, "mag": {"x": 21.70, "y": 0.4, "z": -58.6}}'])
 >>> dialect.names, dialect.row('{"mag": {"x": 1, "y": 2, "z": 3}, "t": 0.20}')
@@ -35,19 +35,19 @@ if TYPE_CHECKING:
 _load = partial(json.loads, parse_float=str, parse_int=str)  # keeps numbers as they are written
 MIN_NUMBERS: Final = 3  # smallest count of numbers in a record with a reading
 MAX_DOCUMENT_BYTES: Final = 256 << 20  # largest document in bytes; JSON lines may be of any length
-# Start of JSON with readings; ``[INFO] …`` is a line of a log.
+# Start of JSON with readings; ``[INFO] …`` starts a line of a log instead.
 JSON_START: Final = re.compile(r"\[\s*(?:[\[{\]]|-?[\d.]+(?:[eE][-+]?\d+)?\s*,|$)|\{\s*(?:\"|\}|$)")
-_NEXT: Final = re.compile(r"[\n\r](?=[\[{])")  # before a document that follows another one
+_NEXT: Final = re.compile(r"[\n\r](?=[\[{])")  # position before a document that follows another one
 EXAMINED_LINES: Final = 100  # lines that are examined for the number of readings per record
-MARK: Final = "flinders"  # key in all files written by Flinders
+MARK: Final = "flinders"  # key that all files written by Flinders have
 
 
 @dataclass(slots=True)
 class JsonLines(Dialect):
-    """Records with the same keys; lists have none."""
+    """Records with the same keys; records that are lists have no keys."""
 
     def row(self, line: str) -> list[str] | None:
-        """Values of a line's record in the order of the columns, with numbers as they are written."""
+        """Values of a line's record, in the order of the columns, with numbers as they are written."""
         record = _record(line)
         if isinstance(record, dict) and self.names:
             leaves = flatten(record)
@@ -58,7 +58,7 @@ class JsonLines(Dialect):
 
 
 def recognise(lines: list[str]) -> JsonLines | None:
-    """Find records with three numbers; of several sets of keys, prefer a magnetometer's, then the most frequent."""
+    """Find records with three numbers; if their keys differ, those of a magnetometer, then the most frequent."""
     records = [record for record in map(_record, lines) if record is not None and _numbers(record) >= MIN_NUMBERS]
     keys = Counter(tuple(flatten(record)) if isinstance(record, dict) else () for record in records)
     if not keys:
@@ -79,7 +79,7 @@ def flatten(record: dict[str, object]) -> dict[str, object]:
 
 
 def is_document(text: str) -> bool:
-    """Tell whether a text starts a JSON document rather than JSON lines, or lines such as ``[1, 2, 3] uT``."""
+    """Whether a text starts a JSON document, and not JSON lines, or lines such as ``[1, 2, 3] uT``."""
     first, _, more = text.lstrip().partition("\n")
     if not JSON_START.match(first):
         return False
@@ -93,7 +93,7 @@ def is_document(text: str) -> bool:
 
 
 def has_batches(text: str) -> bool:
-    """Tell whether JSON lines contain several readings of one magnetometer per record."""
+    """Whether JSON lines contain several readings of one magnetometer in a record."""
     records = [record for record in map(_record, text.splitlines()[:EXAMINED_LINES]) if isinstance(record, dict)]
     return split_records(records) is not records
 
@@ -109,14 +109,14 @@ def own_kind(text: str) -> str:
 
 
 def _record(line: str) -> dict[str, object] | list[object] | None:
-    """Parse an object or a list of plain values; numbers stay as they are written."""
+    """Record of a line, an object or a list of plain values, with numbers as they are written; None for others."""
     record = _load_json(line) if line.lstrip().startswith(("{", "[")) else None
     is_plain = isinstance(record, list) and not any(isinstance(value, (list, dict)) for value in record)
     return record if is_plain or isinstance(record, dict) else None  # type: ignore[return-value]
 
 
 def _load_json(text: str) -> object:
-    """Parse JSON with numbers as they are written; None if it is invalid."""
+    """Value of a JSON text, with numbers as they are written; None for invalid JSON."""
     try:
         return _load(text)
     except (ValueError, RecursionError):
@@ -124,7 +124,7 @@ def _load_json(text: str) -> object:
 
 
 def _numbers(record: dict[str, object] | list[object]) -> int:
-    """Count the numbers of a record."""
+    """Number of numbers in a record."""
     values = flatten(record).values() if isinstance(record, dict) else record
     return sum(isinstance(value, str) and bool(value) and parse_number(value, ".") is not None for value in values)
 
@@ -162,7 +162,7 @@ def records_as_lines(source: Source, encoding: str) -> Iterator[bytes]:
 
 
 def _documents(name: str, text: str) -> tuple[object, list[str]]:
-    """Load a document, or several successive ones as a list, and the invalid parts between them as lines."""
+    """Value of a document, or list of the values of several documents; invalid parts between them as lines."""
     try:
         return _load(text), []
     except (ValueError, RecursionError) as error:

@@ -1,7 +1,8 @@
 """Lines in which labels name the numbers: ``X: -20.8 Y: -20.2 Z: 26.1 uT``, ``Mag (uT) [ 1, 2, 3 ]``.
 
-Lines with the same labels and units are of one kind. A reading ends with the kind that names a magnetometer, or its z
-alone; the other sensors' kinds before it belong to the reading. A cut line has other labels, or lacks its unit.
+Lines with the same labels and units are of one kind. A line of the kind that names the magnetometer ends a reading; if
+each line has one axis, the line of z does. Lines of other sensors before it belong to the same reading. A line that was
+cut has other labels, or lacks its unit.
 
 >>> dialect = recognise(["Accel X: 0.1 Y: 0.2 Z: 9.8 m/s^2", "Mag X: -20.8 Y: -20.2 Z: 26.1 uT", "", "low battery"] * 2)
 >>> dialect.row("Accel X: 0.1 Y: 0.2 Z: 9.7 m/s^2"), dialect.row("Mag X: 1 Y: 2 Z: 3 uT")
@@ -43,31 +44,33 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 Kind: TypeAlias = "tuple[str, ...]"  # names of a line's numbers, which are equal for all lines of one kind
-MIN_KIND_SHARE: Final = 0.5  # smallest frequency of a kind preferred for its unit, relative to the most frequent kind
-MIN_AUXILIARY_SHARE: Final = 0.05  # smallest frequency of a kind that is read with the magnetometer, relative to it
+# smallest frequency of a kind that is preferred because it states its unit, relative to the most frequent kind
+MIN_KIND_SHARE: Final = 0.5
+# smallest frequency of a kind that is read together with the magnetometer's, relative to that kind
+MIN_AUXILIARY_SHARE: Final = 0.05
 MIN_FIELD_SHARE: Final = 0.1
-"""Smallest share of the magnetometer among lines of three or more numbers; labels that change are no names."""
+"""Smallest share of the magnetometer's lines among lines with three or more numbers."""
 AUXILIARY: Final = (ACCELERATION, RATE, TEMPERATURE, TIME)
 DELIMITERS: Final = frozenset(("", ",", ";", '"', '","', '";"', ":", "/"))
 """Text between the numbers of a table, of times and of dates."""
 _SETTING: Final = re.compile(r"calibration|offset|bias|matrix|(hard|soft).?iron", re.IGNORECASE)
-"""Words of lines that print the configuration or correction of a sensor."""
+"""Words of lines that print a sensor's settings or its correction."""
 _AXIS_ALONE: Final = re.compile(r"\s*[wxyz]\s*[:=][^:=]*", re.IGNORECASE)  # as in YAML, and in ``ros2 topic echo``
 MAX_LINE_LETTERS: Final = 2048  # largest number of characters in a printed line
 PLAIN: Final = ("x", "y", "z")
 WORDS: Final = "labelled lines"
 MIN_TURNS, MIN_TURNS_FOR_STRENGTHS = 8, 24
-"""Smallest number of lines whose steps, or strengths, show that several sensors alternate."""
-MAX_LABELS: Final = 6  # largest number of labels that are sensors, for lines of one kind; more are a changing word
-MIN_ROWS: Final = 10  # lines from which a column is checked for being a clock, a counter or constant
-MAX_STEP_RATIO: Final = 2.0  # ratio of the largest and smallest step of a clock or a counter
-MIN_STRENGTH_RATIO: Final = 2.0  # ratio of the median strengths of alternating sensors
-# largest step between lines of one sensor, relative to the step to the next line, if sensors alternate
+"""Smallest number of lines for which steps, or strengths, can show that several sensors alternate."""
+MAX_LABELS: Final = 6  # largest number of labels of one kind of line that can be sensors; more are a word that changes
+MIN_ROWS: Final = 10  # smallest number of lines for which a column can be a clock, a counter or constant
+MAX_STEP_RATIO: Final = 2.0  # largest ratio of the largest to the smallest step of a clock or counter
+MIN_STRENGTH_RATIO: Final = 2.0  # smallest ratio of the median strengths of sensors that alternate
+# largest step between lines of the same sensor, relative to that between neighbouring lines, if sensors alternate
 MAX_OWN_STEP_SHARE: Final = 0.3
 
 
 class _Printed(NamedTuple):
-    """One split line."""
+    """One line, split into numbers and texts."""
 
     kind: Kind
     label: str  # the words before and between its numbers
@@ -81,13 +84,13 @@ class _Printed(NamedTuple):
 
 @dataclass(slots=True)
 class _Heading:
-    """A label on a separate line: for the numbers in the next line, or for lines below with one axis each."""
+    """A label on a line of its own: for the numbers in the next line, or for lines below with one axis each."""
 
     label: str = ""
     is_taken: bool = False  # whether a line with an axis has used it
 
     def add_label(self, line: str) -> str:
-        """Prefix a line with its label; returns an empty text for a line that is a label itself."""
+        """A line with the label in front; empty for a line that is itself a label."""
         if _is_heading(line):
             self.label, self.is_taken = line, False
             return ""
@@ -99,7 +102,7 @@ class _Heading:
 
 @dataclass(slots=True)
 class Labelled(Dialect):
-    """Lines of some kinds that together make a reading."""
+    """Lines of one or more kinds that together make a reading."""
 
     kinds: dict[Kind, int]  # kinds that are read, with the place of their first number in the row
     closing: Kind  # kind that ends a reading
@@ -115,7 +118,7 @@ class Labelled(Dialect):
         self._cells = [""] * len(self.names)
 
     def row(self, line: str) -> Sequence[str] | None:
-        """Store the numbers of a line by its kind; return the reading if the line completes one."""
+        """Store the numbers of a line by its kind; the cells of a reading if the line completes one."""
         if self._quick and not self._heading.label and (match := self._quick.fullmatch(line)):
             return match.groups()
         line = self._heading.add_label(line) if self.has_headings else line
@@ -136,7 +139,7 @@ class Labelled(Dialect):
         return cells if all(cells[place] for place in self.needed) else ()
 
     def _kind(self, gaps: tuple[str, ...]) -> Kind | None:
-        """Kind of a line by the text between its numbers; None for one that is not read."""
+        """Kind of a line, by the texts between its numbers; None for a line that is not read."""
         kind = names_of(gaps) if len(gaps) > 1 else ()
         if kind not in self.kinds or self.signs not in (None, gaps[:-1]):
             return None
@@ -177,12 +180,12 @@ def recognise(lines: list[str], *, marked: bool = True) -> Labelled | None:
 
 
 def _is_heading(line: str) -> bool:
-    """Tell whether a line is the label of the numbers in the next one: ``Magnetometer data in µT:``, ``field {``."""
+    """Whether a line is the label of the numbers in the next line: ``Magnetometer data in µT:``, ``field {``."""
     return len(line) <= MAX_LINE_LETTERS and line.rstrip().endswith((":", "{")) and not split_line(line)[0]
 
 
 def _has_headings(every: Sequence[_Printed], headed: Sequence[_Printed]) -> bool:
-    """Tell whether labels are on separate lines above the numbers: frequent, and several or known ones."""
+    """Whether labels are on lines of their own above the numbers: such lines are frequent, and differ or are known."""
     headings = [each.text for each in every if _is_heading(each.text)]
     counts = Counter(each.kind for each in every if any(each.kind))
     if 2 * len(headings) <= max(counts.values(), default=0):
@@ -201,9 +204,9 @@ def _split_printed(line: str) -> _Printed:
 
 
 def _labels(dialect: Labelled, printed: Sequence[_Printed]) -> dict[Kind, str]:
-    """Find the label of each kind that is read; NoMagnetometer if the magnetometer's lines have several labels.
+    """Label of each kind that is read; `NoMagnetometer` if the magnetometer's lines have several labels.
 
-    Another kind with several labels is removed.
+    Any other kind with several labels is removed from the dialect.
     """
     labels = dict[Kind, str]()
     for kind in list(dialect.kinds):
@@ -226,14 +229,14 @@ def _labels(dialect: Labelled, printed: Sequence[_Printed]) -> dict[Kind, str]:
 
 
 def _places(dialect: Labelled, kind: Kind) -> range:
-    """Places in the row of the numbers of a kind."""
+    """Places in a row for the numbers of a kind."""
     return range(dialect.kinds[kind], dialect.kinds[kind] + len(kind))
 
 
 def _may_be_readings(names: Kind, kinds: Sequence[Kind], printed: Sequence[_Printed]) -> bool:
-    """Tell whether the numbers of these kinds may be a magnetometer's, even if their names do not say so.
+    """Whether the numbers of these kinds may be a magnetometer's, although their names do not say so.
 
-    No axis may be a clock or a counter; without labels for the axes, not all may be constant.
+    No axis may be a clock or a counter; if the axes have no labels, not all may be constant.
     """
     fields = magnetometers(names)
     known = meaning(names[fields[0].cells[0]]) if fields else None
@@ -249,13 +252,13 @@ def _may_be_readings(names: Kind, kinds: Sequence[Kind], printed: Sequence[_Prin
 
 
 def _is_counter(values: Floats) -> bool:
-    """Tell whether a column rises in even steps, as a clock or a counter does."""
+    """Whether a column rises in even steps, as that of a clock or a counter does."""
     steps = np.diff(values[np.isfinite(values)])
     return len(steps) >= MIN_ROWS - 1 and bool(0 < steps.max() <= MAX_STEP_RATIO * steps.min())
 
 
 def _magnetometer(kinds: Sequence[Kind], counts: Counter[Kind]) -> Kind | None:
-    """Select the kind that names a magnetometer: the rawest, then one that states its unit, then the most frequent."""
+    """The kind that names a magnetometer: the rawest, then one that states its unit, then the most frequent one."""
     sensors = {kind: fields for kind in kinds if (fields := magnetometers(kind))}
     often = [kind for kind in sensors if counts[kind] >= MIN_KIND_SHARE * max(counts[other] for other in sensors)]
 
@@ -267,7 +270,7 @@ def _magnetometer(kinds: Sequence[Kind], counts: Counter[Kind]) -> Kind | None:
 
 
 def _is_read_with(kind: Kind, closing: Kind) -> bool:
-    """Tell whether a kind of line is read together with the magnetometer's: another sensor, or another magnetometer."""
+    """Whether a kind of line is read together with the magnetometer's: another sensor, or another magnetometer."""
     meanings = list(map(meaning, kind))
     if any(vectors(kind, meanings, each) for each in (ACCELERATION, RATE)):
         return True
@@ -277,7 +280,7 @@ def _is_read_with(kind: Kind, closing: Kind) -> bool:
 
 
 def _line_by_line(closing: Kind, counts: Counter[Kind], printed: Sequence[_Printed]) -> Labelled:
-    """Layout of rows from lines of several magnetometers in turn, whose numbers come first; the last one ends a row."""
+    """Dialect for lines of several magnetometers in turn; their numbers come first in a row, the last line ends it."""
     others = [kind for kind in counts if kind != closing and counts[kind] >= MIN_AUXILIARY_SHARE * counts[closing]]
     read = [kind for kind in counts if kind == closing or (kind in others and _is_read_with(kind, closing))]
     turns = [kind for kind in read if kind == closing or (magnetometers(kind) and counts[kind] >= counts[closing] - 1)]
@@ -291,7 +294,7 @@ def _line_by_line(closing: Kind, counts: Counter[Kind], printed: Sequence[_Print
 
 
 def _axis_by_axis(kinds: Sequence[Kind], printed: Sequence[_Printed]) -> Labelled | None:
-    """Row layout of lines with one axis each; that of z ends the reading."""
+    """Dialect for lines with one axis each; the line of z ends the reading."""
     names = tuple(name for kind in kinds for name in kind)
     fields = magnetometers(names)
     if not fields or not _may_be_readings(names, kinds, printed):
@@ -303,9 +306,9 @@ def _axis_by_axis(kinds: Sequence[Kind], printed: Sequence[_Printed]) -> Labelle
 
 
 def _by_place(printed: Sequence[_Printed], enough: float, every: Sequence[_Printed]) -> Labelled | None:
-    """Take lines of three numbers, or of a time and three numbers, whatever the text between them.
+    """Dialect for lines of three numbers, or of a time and three numbers, with any text between them.
 
-    They must be half of the lines, not counting `every` line that recurs with them.
+    These lines must be half of all lines; those of `every` line that recurs with them are not counted.
     """
     alike = Counter((each.kind, each.gaps[:-1]) for each in printed if _may_be_axes(each.kind))
     (kind, signs), count = max(alike.items(), key=lambda counted: counted[1], default=(((), ()), 0))
@@ -335,7 +338,7 @@ def _by_place(printed: Sequence[_Printed], enough: float, every: Sequence[_Print
 
 
 def _may_be_axes(kind: Kind) -> bool:
-    """Tell whether three or four numbers of a line may be readings by their labels: none, or one for all axes."""
+    """Whether the labels of three or four numbers allow a reading: no labels, or one label for all three axes."""
     names = kind[-len(PLAIN) :]
     others = (kind[0], "") if len(kind) == len(PLAIN) + 1 else ("",)
     if len(kind) not in (len(PLAIN), len(PLAIN) + 1) or (others[0] and meaning(others[0]).kind != TIME):
@@ -348,13 +351,13 @@ def _may_be_axes(kind: Kind) -> bool:
 
 
 def _unit_alone(kind: Kind) -> str:
-    """The unit after the last three numbers, if they have no label: ``1 2 3 mT``."""
+    """Unit after the last three numbers, if these have no label: ``1 2 3 mT``."""
     units = set(kind[-len(PLAIN) :])
     return unit if len(units) == 1 and (unit := units.pop()).startswith(" (") else ""
 
 
 def _alternates(values: Floats) -> bool:
-    """Tell whether lines of two or three sensors alternate: each resembles the next of its own, or its strength."""
+    """Whether lines of two or three sensors alternate: lines of one are alike, or the strengths of sensors differ."""
     if len(values) < MIN_TURNS:
         return False
     steps = [np.nanmedian(np.abs(values[after:] - values[:-after]).sum(axis=1)) for after in (1, 2, 3)]
@@ -367,7 +370,7 @@ def _alternates(values: Floats) -> bool:
 
 
 def _name_time(kind: Kind, rows: Sequence[Sequence[str]]) -> Kind:
-    """Name an unlabelled first number the time, if it ascends and is no row counter."""
+    """Names with an unlabelled first number called the time, if it ascends and is not a row counter."""
     if kind[0] and meaning(kind[0]).kind != "":
         return kind
     first = [float(row[0]) for row in rows]

@@ -1,4 +1,4 @@
-r"""Lines that start with a mark of their content, as several programs print them; each mark is a row of data here.
+r"""Lines that start with a mark of their content, as several programs print them; here each mark is a row of data.
 
 MotionCal and Adafruit's sketches print ``Raw:`` with nine counts (g/8192, °/s/16, µT/10), and ``Uni:`` in m/s², rad/s
 and µT. magcc sends datagrams ``|…*`` to UDP port 50100: time, acceleration, rate, field, roll, pitch, yaw. Paparazzi
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 MOTIONCAL: Final = re.compile(
     r"(?P<time>)(?:.* -> )?\s*(?P<mark>Raw|Uni|Cal[12])\s*[: ]\s*(?P<values>[-+.\d]+\s*,.*)", re.IGNORECASE
 )
-"""A serial monitor may prefix the time; sketches print their calibration between readings."""
+"""A line of MotionCal, which may have a time in front; sketches print their calibration between readings."""
 MAGCC: Final = re.compile(r"(?P<time>)(?P<mark>)(?:.* -> )?\s*\|(?P<values>[^|*]*)\*")
 PAPARAZZI: Final = re.compile(
     r"(?P<time>\d+(?:\.\d+)?) (?P<mark>\d+ IMU_MAG_RAW(?: \d+(?= \S+ \S+ \S+$))?|\d+ [A-Z][A-Z0-9_]+)"
@@ -58,27 +58,27 @@ SIGN: Final = re.compile(r"\b(?:Raw|Uni)\b|\|.*\*|\bIMU_MAG_|^\s*\d+,(?:mag|imu)
 """Part of a line of MotionCal, magcc, Paparazzi, PX4-ECL or VectorNav."""
 JOINED_DATAGRAMS: Final = re.compile(r"^\s*\|(?:[^|*,\n]+,){12}[^|*,\n]+\*[^\S\n]*\|", re.MULTILINE)
 """Datagrams of magcc without a line end between them."""
-MAX_ACCELERATION: Final = 160.0  # largest acceleration in m/s² of a hand; as counts it would be less than 0.02 g
+MAX_ACCELERATION: Final = 160.0  # largest acceleration in m/s² by hand; as counts it would be less than 0.02 g
 
 
 def _names(*sensors: str) -> tuple[str, ...]:
-    """Names of the three axes of each sensor; the axis replaces the star in ``gyro_*_dps``."""
+    """Names of the three axes of each sensor; the axis replaces the star, as in ``gyro_*_dps``."""
     return tuple(sensor.replace("*", axis) for sensor in sensors for axis in "xyz")
 
 
 @dataclass(slots=True)
 class Marked(Dialect):
-    """Lines with a mark; those with one of the marks are readings."""
+    """Lines with a mark, of which those with certain marks are readings."""
 
     line: re.Pattern[str]  # pattern of the time, the mark and the values of a line
     mark: str = ""  # mark of the magnetometer's lines
-    auxiliary: str = ""  # mark of lines whose values belong to the next reading
+    auxiliary: str = ""  # mark of lines whose values belong to the next reading; empty without such lines
     counts: tuple[float, ...] = ()  # counts per unit, for each number of a reading
-    share: float = 0.0  # smallest share of lines of this kind
+    share: float = 0.0  # smallest share of lines of this kind for it to be recognised
     _latest: list[str] = field(default_factory=list, init=False)  # latest values of the `auxiliary` mark
 
     def row(self, line: str) -> Sequence[str] | None:
-        """Return the time and the numbers of a line of the magnetometer; nothing for another mark."""
+        """Time and numbers of a line of the magnetometer; empty for another mark."""
         match = self.line.fullmatch(line.strip())
         if match is None:
             return None
@@ -93,7 +93,7 @@ class Marked(Dialect):
         return [*cells, *auxiliary] if is_whole and None not in [parse_number(cell, ".") for cell in cells] else None
 
     def _in_units(self, values: list[str]) -> list[str]:
-        """Convert counts to units; other values are unchanged."""
+        """Values in units instead of counts; values that are not counts are unchanged."""
         if len(self.counts) != len(values):
             return values
         numbers = zip((parse_number(value, ".") for value in values), self.counts, strict=True)
@@ -138,11 +138,11 @@ _VECTORNAV: Final = tuple(
         "MAG": _names("mag_* (G)"),
     }.items()
 )
-"""Rawest first: the field of ``VNIMU`` is not corrected on board."""
+"""Sentences with the rawest readings first; the field of ``VNIMU`` is not corrected on board."""
 
 
 def recognise(lines: list[str]) -> Marked | None:
-    """Find lines of one of the programs among others; ``Raw:`` is preferred to ``Uni:``, which has fewer digits."""
+    """Find lines of one of the programs among other lines; ``Raw:`` is preferred, as ``Uni:`` has fewer digits."""
     for dialect in (_RAW, _UNI, _MAGCC, *_VECTORNAV):
         rows = [cells for line in lines if (cells := replace(dialect, counts=()).row(line))]
         if rows:
@@ -160,7 +160,7 @@ def recognise(lines: list[str]) -> Marked | None:
 
 
 def _are_units(rows: Sequence[Sequence[str]]) -> bool:
-    """Tell whether ``Raw:`` lines have decimals and a gravity of 10 or 1 instead of 8192."""
+    """Whether ``Raw:`` lines are in units: they have decimals, and a gravity of 10 or 1 instead of 8192."""
     gravity = [math.hypot(*(float(cell or math.nan) for cell in cells[:3])) for cells in rows]
     return (
         any("." in cell for cells in rows for cell in cells[:3]) and 0 < min(gravity) <= max(gravity) < MAX_ACCELERATION
@@ -168,7 +168,7 @@ def _are_units(rows: Sequence[Sequence[str]]) -> bool:
 
 
 def _paparazzi(marks: Sequence[str]) -> Marked | None:
-    """Select the first raw message of a magnetometer, else the first one with a current."""
+    """The first raw message of a magnetometer, or else the first message with a current."""
     if raw := next((mark for mark in marks if " IMU_MAG_RAW" in mark), ""):
         return replace(_PAPARAZZI, mark=raw)
     mark = next((mark for mark in marks if mark.endswith("IMU_MAG_CURRENT_CALIBRATION")), "")
@@ -176,7 +176,7 @@ def _paparazzi(marks: Sequence[str]) -> Marked | None:
 
 
 def has_joined_datagrams(beginning: str) -> bool:
-    """Tell whether datagrams follow each other without a line end between them.
+    """Whether datagrams follow each other without line ends between them.
 
     >>> has_joined_datagrams("|0.1,0,0,9.8,0,0,0.1, 0.21,0.01,-0.58,0,0,1.57*|0.2,0,0")
     True

@@ -1,7 +1,7 @@
 """Alternating names and values in the cells of a line: ``2026-11-22T04:42:07,FD,raw_imu,xmag,292,ymag,-328,zmag,475``.
 
-Other cells may occur before and between them, and vary from line to line. A word without a value, such as the name of
-a message, is equal in all lines that are read.
+Other cells may be before and between the pairs, and vary from line to line. A word without a value, such as the name of
+a message, must be the same in all lines that are read.
 
 >>> dialect = recognise([f"1E,{n},imu,time_ms,{n}0,xmag,{n},ymag,-328,zmag,475, Len,41" for n in range(9)])
 >>> dialect.names, dialect.row("5C,9,imu,time_ms,90,xmag,7,ymag,8,zmag,9, Len,41"), dialect.row("1D,2,gps,lat,52.1")
@@ -29,26 +29,26 @@ NAME: Final = re.compile(r"[^\W\d][^,;\t]*")
 TITLE: Final = re.compile(r"[^\W\d_][\w./]{4,}")
 """A word without a value that names the message of a line."""
 MIN_NAME_SHARE: Final = 0.9
-"""Smallest share of the magnetometer's lines that have a name; a rarer one is a word of the line."""
+"""Smallest share of the magnetometer's lines that contain a name; a rarer word is not a name."""
 
 
 @dataclass(slots=True)
 class Pairs(Dialect):
-    """Lines with these names, each before its value."""
+    """Lines that contain certain names, each before its value."""
 
     needed: frozenset[str]  # names of the magnetometer
     delimiter: str
     title: str  # title of these lines
 
     def row(self, line: str) -> Sequence[str] | None:
-        """Return the values after the names; None without the magnetometer's."""
+        """Values after the names; None if those of the magnetometer are missing."""
         title, values = _pairs(line, self.delimiter)
         is_own = self.needed <= values.keys() and title == self.title
         return [values.get(name, "") for name in self.names] if is_own else None
 
 
 def recognise(lines: list[str]) -> Pairs | None:
-    """Find recurring names of a magnetometer, each before a number."""
+    """Find names of a magnetometer that recur, each before a number."""
     for delimiter in DELIMITERS:
         rows = [_pairs(line, delimiter) for line in lines]
         counts = Counter(name for _, row in rows for name in row)
@@ -66,7 +66,7 @@ def recognise(lines: list[str]) -> Pairs | None:
 
 
 def _pairs(line: str, delimiter: str) -> tuple[str, dict[str, str]]:
-    """Split a line into the text of cells that name no number, and numbers by the name in the cell before."""
+    """Cells of a line that name no number, joined, and the numbers by the names in front of them."""
     cells = [cell.strip() for cell in line.split(delimiter)]
     both = (each for each in pairwise(cells) if NAME.fullmatch(each[0]) and each[1])
     values = {

@@ -1,4 +1,4 @@
-"""Lines in a format given by the user: ``"N {x} / {y} / {z}"`` names the numbers, the rest is literal text.
+"""Lines in a format that the user gives: ``"N {x} / {y} / {z}"`` has names for the numbers, and literal text.
 
 >>> pattern = Pattern.of("N {x} / {y} / {z} at {t_ms}")
 >>> pattern.names, pattern.row("N -20.8 /  -20.2 / 26.1 at 1200 ms"), pattern.row("N 1 / 2")
@@ -23,13 +23,13 @@ _PLACE: Final = re.compile(r"\{\s*([^{}:]*?)\s*(?::[^{}]*)?\}")
 
 @dataclass(slots=True)
 class Pattern(Dialect):
-    """A line with names in place of its numbers."""
+    """A line with a pattern that has names in place of the line's numbers."""
 
     line: re.Pattern[str]  # pattern that captures the numbers
 
     @classmethod
     def of(cls, pattern: str) -> Self:
-        """Compile the user's pattern; UsageError without three different names."""
+        """Compile the user's pattern; `UsageError` if it has not three different names."""
         pieces = _PLACE.split(pattern)
         names = tuple(pieces[1::2])
         if len(names) < 3 or len(set(names)) < len(names) or not all(names):
@@ -45,6 +45,6 @@ class Pattern(Dialect):
         return cls(f"lines like {pattern!r}", names, re.compile(line))
 
     def row(self, line: str) -> list[str] | None:
-        """Return the numbers of a line; None if it does not match."""
+        """Numbers of a line; None if it does not match."""
         match = self.line.search(line)
         return None if match is None else [decimal(number) for number in match.groups()]

@@ -1,8 +1,8 @@
-"""Lines of another dialect in a wrapper: after a time stamp, or with hexadecimal words without ``0x``.
+"""Lines of another dialect inside a wrapper: after a time stamp, or with hexadecimal words without ``0x``.
 
-The text after a stamp is a dialect of its own, or a table; a stamp without a date counts from midnight. Words of 4, 6
-or 8 hexadecimal digits are signed numbers, recognised by letters in some of the lines; an ascending first word without
-letters is the time.
+The text after a stamp is a dialect or a table; a stamp without a date counts from midnight. Words of 4, 6 or 8
+hexadecimal digits are signed numbers. They are recognised by letters in some of the lines. An ascending first word
+without letters is the time.
 
 >>> from flinders.readers._recognition import recognise
 >>> dialect = recognise(["14:03:00.100 -> X: 1 Y: 2 Z: 3", "14:03:00.200 -> X: 1 Y: 2 Z: 4"])
@@ -36,9 +36,10 @@ STAMP: Final = re.compile(
     rf"(?P<fraction>\.\d+|,\d+(?![.,\d]))?(?:,\d{{3}}(?=\]))?{HALF_OF_DAY}(?P<zone>Z|[+-]\d\d:?\d\d)?"
     r"[\])>]?\s*(?P<mark>->|[|>:;,\t]|-(?![\d.]))?\s*"
 )
-"""The time that a serial monitor, a logger or an operating system prints before a line."""
+"""Time that a serial monitor, a logger or an operating system prints before a line."""
 MIN_STAMP_SHARE: Final = 0.6  # smallest share of lines with a stamp
-MIN_STAMP_SHARE_OF_OTHERS: Final = 0.1  # the same for lines that are neither a table nor in a dialect
+# smallest share of lines with a stamp, if the lines are neither a table nor in a dialect
+MIN_STAMP_SHARE_OF_OTHERS: Final = 0.1
 LETTERED_WORD: Final = re.compile(r"(?<![\w.+-])(?=\d*[a-fA-F])[0-9a-fA-F]{4,8}(?![\w.])")
 SIGNED_WORD_DIGITS: Final = (4, 6, 8)  # number of digits in words of 16, 24 and 32 bits
 WORDS: Final = {
@@ -47,12 +48,13 @@ WORDS: Final = {
 }
 _WORD_SEPARATORS: Final = re.compile(r"[\s,;]+")
 MIN_WORDS: Final = 3  # smallest count of hexadecimal words in a line with a reading
-MIN_LETTER_SHARE: Final = 0.3  # smallest share of lines with a letter among those with as many words
+# smallest share of lines that contain a letter, among lines with the same number of words
+MIN_LETTER_SHARE: Final = 0.3
 
 
 @dataclass(slots=True)
 class Stamped(Dialect):
-    """A dialect, or a table, after a time stamp."""
+    """Lines of a dialect, or rows of a table, after a time stamp."""
 
     inner: Dialect
     order: str  # of day, month and year in numeric dates
@@ -60,7 +62,7 @@ class Stamped(Dialect):
     _last: float = field(default=-1.0, init=False)
 
     def row(self, line: str) -> Sequence[str] | None:
-        """Move the time of a line before the cells of its rest; it continues past midnight."""
+        """Cells of a line with the time in front; the time continues past midnight."""
         stamp = STAMP.match(line)
         seconds = seconds_of(stamp, self.order) if stamp else None
         if stamp is None or seconds is None:
@@ -91,7 +93,10 @@ class Hexadecimal(Dialect):
 def find_stamps(
     lines: list[str], behind: Recognise, table: Recognise, *, marked: bool = True, share: float = MIN_STAMP_SHARE
 ) -> Stamped | None:
-    """Find stamps before a share of lines; if `marked`, a `table` after them needs a separator such as ``->``."""
+    """Find time stamps before at least `share` of the lines; None with fewer.
+
+    If `marked`, a `table` after the stamps needs a separator such as ``->``.
+    """
     filled = [line for line in lines if line.strip()]
     stamps = [stamp for line in filled if (stamp := STAMP.match(line))]
     if not stamps or len(stamps) < share * len(filled):
@@ -107,7 +112,7 @@ def find_stamps(
 
 
 def find_hexadecimal(lines: list[str], behind: Recognise, table: Recognise) -> Hexadecimal | None:
-    """Find lines with three words of one length that are hexadecimal, or rows of such words of any length."""
+    """Find lines with three hexadecimal words of one length, or rows of such words of any length."""
     bare = [
         words for line in lines if len(words := _WORD_SEPARATORS.split(line.strip())) >= MIN_WORDS and _are_words(words)
     ]
@@ -127,12 +132,12 @@ def find_hexadecimal(lines: list[str], behind: Recognise, table: Recognise) -> H
 
 
 def _are_words(words: list[str]) -> bool:
-    """Tell whether all cells are hexadecimal words."""
+    """Whether all cells are hexadecimal words."""
     return all(map(WORDS[0].fullmatch, words))
 
 
 def _hexadecimal_words(rows: list[list[str]]) -> int:
-    """Count the hexadecimal words of each line; a decimal time before them may have as many digits."""
+    """Number of hexadecimal words in each line; a decimal time before them may have as many digits as they."""
     count = min(map(len, rows))
     while count > MIN_WORDS and all(row[-count].isdigit() for row in rows):
         times = [int(row[-count]) for row in rows if len(row) == len(rows[0])]
@@ -143,7 +148,7 @@ def _hexadecimal_words(rows: list[list[str]]) -> int:
 
 
 def _convert_words(line: str, digits: int, count: int, *, in_decimals: bool = False) -> str:
-    """Prefix the last words of so many digits with ``0x``, or convert them to decimal."""
+    """Prefix the last words of a given number of digits with ``0x``, or convert them to decimal numbers."""
     words = list(WORDS[digits].finditer(line))
     for word in reversed(words[-count:] if len(words) >= count else []):
         value = _signed_value(word[0]) if in_decimals else f"0x{word[0]}"

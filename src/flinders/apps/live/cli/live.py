@@ -113,8 +113,9 @@ class LiveSource(program.Group):
         wraps a wire that sends lines.
         """
         from flinders.apps.live.session_file import DEFAULT_TARGET, Source
+        from flinders.links.feed_recording import RecordedFeed
         from flinders.links.feeds import NoSensor, Replay, feed_kind
-        from flinders.links.recorder import RecordedFeed, Recorder
+        from flinders.links.recorder import Recorder
         from flinders.links.transports import open_lines, open_link
         from flinders.readers import open_recording
 

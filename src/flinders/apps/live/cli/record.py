@@ -17,8 +17,8 @@ from flinders.errors import FlindersError, UsageError, count_text
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from flinders.links.recorder import Sink
-    from flinders.links.transcript import RecordingStatistics
+    from flinders.links.recording_statistics import RecordingStatistics
+    from flinders.links.sinks import Sink
     from flinders.links.transports import ByteSource
 
 
@@ -147,7 +147,8 @@ def command(options: Record) -> None:
     describes any other. Lines in an unknown format are kept as comments. A crash loses at most one second; the
     command waits for a port that disappears.
     """
-    from flinders.links.recorder import FileSink, ResumedRecording, StandardOutputSink
+    from flinders.links.recording_text import ResumedRecording
+    from flinders.links.sinks import FileSink, StandardOutputSink
 
     options.check()
     path, is_resumed = str(options.output), options.resume

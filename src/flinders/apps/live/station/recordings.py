@@ -25,7 +25,8 @@ from urllib.parse import quote
 
 from flinders.core.files import make_folder
 from flinders.errors import LinkError, OutputError
-from flinders.links.recorder import FileSink, RetryingSink, title
+from flinders.links.recording_text import title
+from flinders.links.sinks import FileSink, RetryingSink
 
 if TYPE_CHECKING:
     from collections.abc import Callable
