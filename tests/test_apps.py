@@ -133,7 +133,7 @@ def assert_pytest_passes(words: Sequence[str], library: Path, folder: Path) -> N
     assert ended.returncode == 0, ended.stdout[-4000:]
 
 
-@pytest.mark.tools
+@pytest.mark.nightly
 def test_examples_of_the_library_need_no_package(bare: Path) -> None:
     words = [
         "-c", os.devnull, "--import-mode=importlib", "--doctest-modules",

@@ -5,7 +5,7 @@ r"""File of a station in TOML: pass limits, motion, serial numbers, exports and 
 (0.5, (-60.0, 60.0), 'drone', 120.0)
 >>> plan_of("[export]\nfor = ['arduino']")
 Traceback (most recent call last):
-flinders.errors.UsageError: plan: [export] has no key for: it takes targets
+flinders.errors.UsageError: plan: [export] has no key for: use one of targets
 """
 
 from __future__ import annotations
