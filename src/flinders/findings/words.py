@@ -289,7 +289,7 @@ def runs(outlier_runs: Sequence[Row], outlier_run_count: float) -> str:
 
 def again(outlier_share: float) -> str:
     """Advice for a fit that outliers limit."""
-    return "; find the cause, and record again without it" if outlier_share > MAX_OUTLIER_SHARE else ""
+    return "; find out what it was, and record again without it" if outlier_share > MAX_OUTLIER_SHARE else ""
 
 
 def rails(rail_ends: Sequence[Row]) -> str:
