@@ -86,7 +86,7 @@ MAX_AUTO_CLAIM_RATIO: Final = 0.95
 """Largest ratio of the claimed heading error with a sensor to that without it, at which the sensor is used."""
 
 MIN_ROTATION_CHI2: Final = 16.3
-"""Smallest χ² of a significant rotation, which chance exceeds with 0.1 %, for three degrees of freedom."""
+"""Smallest χ² of a significant rotation, with three degrees of freedom: chance exceeds it in 0.1 % of cases."""
 
 MIRRORED_AXIS: Final = "mirrored-axis"
 """Code of the finding on a mirrored axis, which replaces "swapped-axes", because such an axis looks like a swap."""
