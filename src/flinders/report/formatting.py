@@ -175,7 +175,7 @@ def matrix_entries(matrix: Floats, sigma: Floats | None = None) -> list[list[str
 
 
 def curve_entries(calibration: Calibration) -> dict[str, list[str]]:
-    """Quadratic and cubic terms of each axis, in percent of the field at full field; empty without linearization.
+    """Terms of each axis for a reading as long as the field, in percent of the field; empty without linearization.
 
     >>> from flinders import Calibration
     >>> from flinders.core.linearization import Linearization
