@@ -212,7 +212,7 @@ class LinesOptions(ColumnsOptions):
         typed = [name for name in self.typed_options() if name.removeprefix("--") not in taken_options()]
         wrong = [name for name in typed if (source, name) != ("--ros2", "--unit")]
         if source is not None and wrong:
-            raise UsageError(f"{', '.join(wrong)} goes with lines and recordings: the unit of {source} is known")
+            raise UsageError(f"{', '.join(wrong)} applies only to lines and recordings: the unit of {source} is known")
 
 
 class UnitsOptions(Group, heading=RECORDING):

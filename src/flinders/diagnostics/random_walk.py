@@ -130,7 +130,7 @@ class RandomWalk:
         return f"{story}; {level_deg:g}° of heading (1 σ, dip {dip_deg:.0f}°) takes {least}{lifetime}"
 
     def story(self, unit: str, *, level_deg: float = 1.0, dip_deg: float = 60.0) -> str:
-        """Sentence on the change of the offset, or on that it cannot be determined to `level_deg`."""
+        """Sentence on the change of the offset; it says so if the change is not determined to `level_deg`."""
         over = duration_text(self.seconds)
         if not self.is_determined(level_deg, dip_deg=dip_deg):
             return (
@@ -315,7 +315,7 @@ def _correlation_length(left: Floats, jacobian: Floats, time: Floats) -> float:
 
 
 def _piecewise_effect(left: Floats, jacobian: Floats, time: Floats) -> Floats:
-    """(N,) part of the distances that an offset explains which is constant in each twelfth of the recording."""
+    """(N,) part of the distances that is explained by a constant offset in each twelfth of the recording."""
     slow = np.clip(((time - time[0]) / (time[-1] - time[0]) * 12.0).astype(int), 0, 11)
     smooth = np.zeros(len(left))
     for part in range(12):
