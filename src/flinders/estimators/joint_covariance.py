@@ -220,7 +220,7 @@ def vertical_correlation(iterate: JointIterate) -> CorrelationLength:
 
 
 def _share_left(own: Floats) -> Floats:
-    """(W, n) share of the residual of each vertical that the fitted direction of its group leaves.
+    """(W, n) share of the residual of each vertical that remains after the fit of the direction of its group.
 
     `own` is the result of `own_jacobian`.
     """

@@ -79,7 +79,7 @@ class Lag:
 
     @property
     def used_sigma_s(self) -> float:
-        """Standard deviation of the lag that is used: the significant lag, else 0 s with the whole error of that."""
+        """Standard deviation of the used lag; if 0 s is used in place of an insignificant lag, that lag is included."""
         return self.sigma_s if self.is_proven else float(np.hypot(self.sigma_s, self.seconds))
 
 
@@ -166,8 +166,8 @@ def solution_residuals(solved: DisturbanceSolution) -> Residuals:
 class ShiftedDepartures:
     """Smoothed values of disturbances minus their references, with a variable lag of one group of disturbances.
 
-    All disturbances are smoothed. Otherwise the fast changes of one could replace those that smoothing removes from
-    another.
+    All disturbances are smoothed. Otherwise the fast changes of one disturbance could replace the changes that
+    smoothing removes from another one.
     """
 
     def __init__(
