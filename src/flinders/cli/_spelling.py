@@ -69,7 +69,7 @@ def taken_options() -> Mapping[str, str]:
 
 @contextlib.contextmanager
 def hints_of_typed_options() -> Iterator[None]:
-    """In the hint of an error, replace an option without a typed value by the option that its value came from."""
+    """In the hint of an error, name the option that was typed, if it set the value of another option."""
     try:
         yield
     except FlindersError as error:

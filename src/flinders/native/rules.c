@@ -315,7 +315,7 @@ const flinders_rule fl_rules[FL_RULES] = {
     {"disagree", "neither a majority nor a length tells which is off: compare with a known bearing, or fit a third", 202, 1, 0},
     {"copied-sensor", "look at how the columns were written: it is no second sensor", 204, 1, 0},
     {"mirrored-sensor", "one of two sensors is not right-handed, or one of its axes is turned over: find out which, and map its axes (--axes)", 206, 1, 0},
-    {"turned-to", "nothing; corrected readings of all are in those axes", 208, 1, 0},
+    {"turned-to", "nothing; corrected readings of all sensors are in the axes of the reference", 208, 1, 0},
     {"unlike-units", "name the unit of each", 210, 1, 0},
     {"clock-differs", "nothing; the delay was removed to compare them", 212, 1, 0},
     {"not-together", "turn the body about all its axes with all sensors running; or check the others, and their clocks: this sensor keeps its own result", 214, 1, 0},
