@@ -34,8 +34,8 @@ class Bucket:
     ----------
     objects : mapping of str to bytes
         Content of each object, by name.
-    Delay of each response.
-        Delay of each answer.
+    latency_s : float, s
+        Delay of each response.
     name : str
         Name of the bucket.
 

@@ -182,6 +182,7 @@ JOURNEYS: Final = (
     ("calibrate deck.csv -o limited.json", 3),
     ("calibrate table.csv", 4),
     ("calibrate short.csv", 4),
+    ("calibrate noisy.csv", 4),
     ("show limited.json", 0),
     ("check calibration.json again.csv", 0),
     ("check calibration.json deck.csv --target 0.01", 3),
@@ -200,7 +201,7 @@ JOURNEYS: Final = (
 
 @pytest.fixture
 def recordings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Recordings of a good, a limited and a refused calibration, of the same sensor again, and of another."""
+    """Recordings of a good, a limited and three refused calibrations, of the same sensor again, and of another."""
     monkeypatch.chdir(tmp_path)
     record("tumble.csv", "hand")
     record("deck.csv", "swayed")
@@ -209,6 +210,7 @@ def recordings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         sensor = simulate.tumble(seed=seed, motion="uniform", n=1500)
         write_field(name, sensor.samples.field)
     write_field("short.csv", simulate.tumble(seed=2, motion="hand").samples.field[:5])
+    write_field("noisy.csv", simulate.tumble(seed=1, motion="hand", n=150, noise=5.0).samples.field)
 
 
 @pytest.mark.usefixtures("recordings")

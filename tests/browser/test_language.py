@@ -99,7 +99,7 @@ def test_the_page_speaks_german_one_sentence_at_a_time(visitor: Visitor) -> None
     assert any(each["text"].startswith("Drehung fertig.") for each in spoken)
     page.locator("#finish").click()
     expect(page.locator("#verdict-words")).to_contain_text("Kurse sind in jeder Lage auf 0,")
-    expect(page.locator("#findings")).to_contain_text("Wie der Sensor gegen das Fahrzeug gedreht ist")
+    expect(page.locator("#findings")).to_contain_text("seinen eigenen Einbauwinkel im Fahrzeug")
     page.locator("#export-target").select_option("json")
     expect(page.locator("#preview")).to_contain_text('"field_strength_known": false')
 

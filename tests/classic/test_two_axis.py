@@ -753,6 +753,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("turn.csv --after -", 2),
         ("turn.csv --after c.json", 2),
         ("other.csv --after c.json --axes x,-y,-z", 2),
+        ("counts.csv --after c.json --chip MPU-9250:16bits", 2),
         ("other.csv --after c.json --dip 50", 2),
         ("other.csv --after c.json --field-strength 40", 2),
         ("counts.csv --after c.json --unit counts", 2),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,8 +17,6 @@ from flinders.cli import main
 from flinders.core.calibration import Calibration
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from click.testing import Result
 
 
@@ -43,6 +42,15 @@ def test_a_calibration_has_the_count_and_the_axes_of_the_chip() -> None:
     assert made.raw.scale == 0.15
     assert str(made.axes) == "y,x,-z"
     assert_sentences(by_chip.stderr, about="chip MPU-9250")
+
+
+def test_a_report_lists_the_chip_and_not_what_was_taken_from_it() -> None:
+    ended = run("calibrate", "counts.csv", "--chip", "MPU-9250:16bits", "--report", "chip.html")
+    assert ended.exit_code == 0, ended.output
+    text = Path("chip.html").read_text(encoding="utf-8")
+    assert "<dt>--chip</dt><dd>MPU-9250:16bits</dd>" in text
+    assert "<dt>--scale</dt>" not in text
+    assert "<dt>--axes</dt>" not in text
 
 
 @pytest.mark.parametrize(

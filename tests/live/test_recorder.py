@@ -302,6 +302,11 @@ def test_a_full_disk_leaves_no_half_line() -> None:
     assert 2900 < Path("out.csv").stat().st_size <= 3000
 
 
+def rows() -> int:
+    """Number of lines in the recording."""
+    return Path("out.csv").read_bytes().count(b"\n")
+
+
 def test_a_recording_killed_and_continued_three_times_reads_as_one() -> None:
     code = "import sys; from flinders.cli import main; main(sys.argv[1:])"
     reading, writing = os.openpty()
@@ -316,6 +321,9 @@ def test_a_recording_killed_and_continued_three_times_reads_as_one() -> None:
             os.write(reading, raw(np.array([[sent / 10, 20.0, 30.0]])))
             sent += 1
             time.sleep(0.005)
+        deadline = time.monotonic() + 60.0
+        while rows() < 20 * (attempt + 1) and time.monotonic() < deadline:
+            time.sleep(0.01)
         running.send_signal(signal.SIGKILL)
         running.communicate()
     os.close(reading)

@@ -305,14 +305,19 @@ def test_mag_cal_corrects_as_we_do() -> None:
     assert of_mag_cal(json.dumps({"calib": json.loads(text)})).pointing == "y"
 
 
+PLAIN_SENSOR: Final = {"axes": "+X+Y+Z", "transform": np.eye(3).tolist(), "centre": [0.0, 0.0, 0.0]}
+"""A sensor in JSON of mag-cal that changes nothing."""
+
+
 @pytest.mark.parametrize(
     "content",
     [
         "{}",
         "[1]",
-        '{"mag": {"axes": "+X+Y+Z", "transform": [[1,0,0],[0,1,0],[0,0,1]], "centre": [0,0,0], "rbfs": [[[0.1]]]}}',
+        json.dumps({key: {**PLAIN_SENSOR, "rbfs": [[0.1], [0.0], [0.0]]} for key in ("mag", "grav")}),
     ],
-)  # fmt: skip
+    ids=["empty", "list", "radial basis functions"],
+)
 def test_other_json_is_no_calibration_of_mag_cal(content: str) -> None:
     with assert_raises(DocumentError):
         of_mag_cal(content)

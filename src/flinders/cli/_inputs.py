@@ -397,10 +397,7 @@ def recorded_at(recording: object) -> datetime | None:
     return begun.replace(microsecond=0) if begun.tzinfo else begun.replace(microsecond=0, tzinfo=UTC)
 
 
-"""Time since 1970 in s at which a recording's times are zero; 0 if its clock does not count from 1970."""
-
-
 def clock_start(recording: object) -> float:
-    """Seconds since 1970 at the zero of a recording's times; 0 if the times do not count from 1970."""
+    """Time since 1970 in s at which a recording's times are zero; 0 if its clock does not count from 1970."""
     time = getattr(getattr(recording, "columns", None), "time", None)
     return float(time.start * time.factor) if time is not None else 0.0

@@ -72,7 +72,7 @@ def _no_such_option(error: click.NoSuchOption) -> str:
     if name == "--language" and error.ctx and error.ctx.parent:
         return f"'{name}' stands before the command, as in flinders {name} de {error.ctx.info_name}"
     if name == "--chip":
-        return f"'{name}' is for commands that read counts: flinders info, calibrate and live"
+        return f"'{name}' is for commands that read counts, such as flinders info, calibrate and live"
     problem = f"No such option '{name}'"
     return f"{problem}: did you mean '{likely[0]}'?" if likely else problem
 

@@ -23,7 +23,7 @@ from flinders.cli._program import (
     positive,
     single_value,
 )
-from flinders.cli._spelling import take_from, taken_options
+from flinders.cli._spelling import take_from
 from flinders.errors import UsageError
 from flinders.links.serial_ports import ANY_PORT
 
@@ -209,8 +209,7 @@ class LinesOptions(ColumnsOptions):
         ``--unit`` is allowed for a ROS 2 topic: its values may be in another unit than its message type states.
         """
         source = next((name for name in sources if name in ("--mavlink", "--ros2", "--simulate")), None)
-        typed = [name for name in self.typed_options() if name.removeprefix("--") not in taken_options()]
-        wrong = [name for name in typed if (source, name) != ("--ros2", "--unit")]
+        wrong = [name for name in self.typed_options() if (source, name) != ("--ros2", "--unit")]
         if source is not None and wrong:
             raise UsageError(f"{', '.join(wrong)} applies only to lines and recordings: the unit of {source} is known")
 
@@ -294,7 +293,7 @@ def with_chip(values: dict[str, Any]) -> dict[str, Any]:
     taken |= {} if are_axes_typed or reading.axes in ("", SAME_AXES) else {"axes": reading.axes}
     words = [reading.count_words] * is_in_counts + [reading.axes_words] * (not are_axes_typed)
     if not taken:
-        raise UsageError("; ".join([f"--chip sets nothing: --unit is {values['unit']}", *words, "leave it out"]))
+        raise UsageError("; ".join([f"--chip sets nothing: --unit is {values['unit']}", *words, "leave --chip out"]))
     named = reading.chip.name if reading.name == reading.chip.name else f"{reading.name}, {reading.chip}"
     say(f"chip {named}: {'; '.join(words)}")
     take_from("chip", taken)

@@ -41,7 +41,10 @@ T = TypeVar("T")
 MIN_BYTES_FOR_BAR: Final = 4_000_000
 """Size of an input, in bytes, from which a progress bar is shown."""
 WIDTH, MIN_WIDTH, MAX_WIDTH = 80, 60, 100
-"""Line width in characters: of a file, and the limits for a terminal. Narrower lines would break numbers."""
+"""Line width in characters: of a file, and the limits for a terminal.
+
+Narrower lines would break numbers, and wider ones are hard to read.
+"""
 
 
 def say(message: str) -> None:

@@ -33,7 +33,7 @@ from flinders.cli._misuse import misuse_message, unexpected_argument
 from flinders.cli._output import Output, Outputs, error_words, print_fit, print_json, say
 from flinders.cli._process import prepare_streams, silence_stdout, spare_imports_from_gc
 from flinders.cli._signals import STOP_SIGNALS, handle_signals, interrupt
-from flinders.cli._spelling import hints_of_typed_options, in_options, searched_commands
+from flinders.cli._spelling import hints_of_typed_options, in_options, searched_commands, taken_options
 from flinders.core.files import reason_and_remedy
 from flinders.core.language import ENGLISH, ENGLISH_CODE, TERMINAL_LANGUAGE, language_of
 from flinders.errors import FitError, FlindersError, OutputError, UsageError
@@ -384,7 +384,9 @@ class Group:
         return {name: getattr(self, name) for name in names if name not in if_typed or is_typed(name)}
 
     def typed_options(self) -> dict[str, Any]:
-        """Options that differ from their defaults, by their command-line names; options of outputs are not included.
+        """Options that differ from their defaults, by their command-line names.
+
+        Options of outputs are not included, nor those whose values were taken from another option.
 
         >>> from flinders.cli._options import ReadingOptions
         >>> ReadingOptions(None, None, "mG", None, "x,y,z", None, 5.0, None, False).typed_options()
@@ -395,7 +397,7 @@ class Group:
             attributes = declared["attributes"]
             if attributes.get("heading") != OUTPUT and value not in (None, False, (), attributes.get("default")):
                 typed |= {name: value for name in declared["names"] if name.startswith("--")}
-        return typed
+        return {name: value for name, value in typed.items() if name.removeprefix("--") not in taken_options()}
 
     def typed_words(self) -> dict[str, str]:
         """Options that differ from their defaults, with their values in words, for a report.

@@ -232,7 +232,8 @@ def newest_model() -> dict[str, Any]:
 def recorded_field(log: object) -> SiteField | None:
     """Earth's field at the place and date in a log, or in the part of one magnetometer; None without place or date.
 
-    Also None if the log's clock shows a year before 2010, because such a clock was never set.
+    Also None if the log's clock shows a year outside of those of the World Magnetic Model, such as a clock that was
+    never set: give place and day of such a log.
     """
     position, start_time = getattr(log, "position", None), getattr(log, "start_time", None)
     if position is None or start_time is None or not FIRST_CLOCK_YEAR <= start_time.year < LAST_CLOCK_YEAR:

@@ -36,7 +36,7 @@ MAX_DELAY_S: Final = 2.0
 """Largest delay that is searched, in s, of either sign."""
 
 MAX_GAP_INTERVALS: Final = 3.0
-"""Smallest gap, in median intervals of the readings, across which readings are not interpolated."""
+"""Largest gap, in median intervals of the readings, across which readings are interpolated."""
 
 SMOOTHED_READINGS: Final = 5
 """Width in readings of the moving average before shifts are compared."""

@@ -71,7 +71,10 @@ VERTICAL_SENSORS: Final = ("dip", "tilt", "attitude")
 """Aiding sensors that show the vertical, of which a fit uses one."""
 
 NEAR_END_SHARE, MIN_CLIPPED_RATIO = 0.05, 1.0
-"""Saturation of a gyro axis: share of its range that counts as near the end, smallest ratio of readings at to near it.
+"""Limits of a saturated gyro axis.
+
+The first is the share of the range that counts as near its end. The second is the smallest ratio of the readings at the
+end to those near it.
 """
 
 MIN_STILL_READINGS, MAX_STILL_SCATTER = 100, 0.02

@@ -81,7 +81,8 @@ class RandomWalk:
     log_likelihood_gain: float  #: twice the logarithm of the likelihood ratio of the walk and a constant offset
     time: Floats  #: (K,), s: middle of each span
     path: Floats  #: (K, 3): offset at `time` minus that of the fit; constant if no walk is proven
-    #: (K, 3): standard deviation of `path`; if no walk is proven, rms distance of a walk with the upper bound from it
+    #: (K, 3): standard deviation of `path`; if no walk is proven, rms distance of a walk with the upper bound
+    #: from `path`
     sigma: Floats
     field: float  #: radius of the ellipsoid, in the unit of the readings
 
@@ -315,7 +316,7 @@ def _correlation_length(left: Floats, jacobian: Floats, time: Floats) -> float:
 
 
 def _piecewise_effect(left: Floats, jacobian: Floats, time: Floats) -> Floats:
-    """(N,) part of the distances that is explained by a constant offset in each twelfth of the recording."""
+    """(N,) part of the distances that offsets explain, each constant in one twelfth of the recording."""
     slow = np.clip(((time - time[0]) / (time[-1] - time[0]) * 12.0).astype(int), 0, 11)
     smooth = np.zeros(len(left))
     for part in range(12):

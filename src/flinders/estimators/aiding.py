@@ -125,7 +125,7 @@ class AidedFit:
     rotation_variance_ratio: Floats
     # ratio of variances: scatter of parts of the recording over the scatter expected from their residuals
     excess_variance: float = 1.0
-    # difference of the estimated dip from that of the site, in standard deviations; None if one of both is not known
+    # difference of the estimated dip from that of the site, in standard deviations; None if either is not known
     dip_difference: float | None = None
     # largest scale error of the gyro, if it exceeds `MAX_SCALE_SIGMAS` and the fit was repeated without scale errors;
     # else 0

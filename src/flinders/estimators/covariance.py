@@ -196,8 +196,8 @@ class Residuals:
     def excess_variance(self, scatter: Floats) -> float:
         """Ratio of variances, at least 1: scatter of blocks over that expected from the (9, 9) scatter of the whole.
 
-        Let gᵦ = Σ J s and Nᵦ = Σ JJᵀ of a block, and N and B the same sums of the whole. Then q = Σ gᵦᵀB⁻¹gᵦ has the
-        mean 9 − Σ tr (N⁻¹Nᵦ)², as the parameters are fitted, and a variance of twice that mean. The result is the
+        Let gᵦ = Σ J s and Nᵦ = Σ JJᵀ of a block, N = Σ JJᵀ of the whole, and B the `scatter`. With T = Σ tr (N⁻¹Nᵦ)²,
+        q = Σ gᵦᵀB⁻¹gᵦ has the mean 9 − T, because the parameters are fitted, and the variance 2 T. The result is the
         largest ratio of q to its mean, for eight and for four blocks, that chance does not explain.
         """
         values, vectors = _principal_axes(scatter)
@@ -251,7 +251,10 @@ def _raise_eigenvalues(scatter: Floats, white: Floats) -> Floats:
 
 
 def _principal_axes(matrix: Floats) -> tuple[Floats, Floats]:
-    """(k,) eigenvalues and (9, k) eigenvectors of a symmetric matrix, without eigenvalues that are rounding errors."""
+    """(k,) values and (9, k) vectors V with VᵀMV = diag(values), for a symmetric matrix M.
+
+    The values are the eigenvalues of M scaled to a diagonal of ones, without those that are rounding errors.
+    """
     diagonal = np.diag(matrix)
     observed = diagonal > MIN_EIGENVALUE_RATIO * float(diagonal.max())
     scale = np.sqrt(np.where(observed, diagonal, 1.0))

@@ -60,8 +60,8 @@ class MinMax:
     variant : str
         ``mean``, ``largest`` or ``full-range``.
     trim : bool
-        First reject outliers as `Robust` does, which needs all readings in memory. Off by default, because it is not
-        part of the recipe; the robust fit itself is more accurate than its extremes.
+        First reject outliers as `Robust` does, which needs the readings, not only their sums. Off by default, because
+        it is not part of the recipe; the ellipsoid of `Robust` is more accurate than the extremes of its inliers.
 
     Notes
     -----
@@ -163,7 +163,7 @@ def corrected_length(half: Floats, variant: Variant) -> float:
 
 METHOD: Final = Method(
     MinMax,
-    use="the recipe of the tutorials, from the extremes of each axis: numbers of a sketch",
+    use="the recipe of the tutorials, from the extremes of each axis: same numbers as a sketch",
     source="Winer, wiki of kriswiner/MPU6050",
     is_recipe=True,
 )

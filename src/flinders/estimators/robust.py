@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 class Robust:
     """General ellipsoid of the majority of the readings; outliers are rejected.
 
-    Ellipsoids through many random subsets of twelve readings are compared; the one with the least median of squared
+    Ellipsoids fitted to many random subsets of twelve readings are compared; the one with the least median of squared
     distances is the start. Readings that are farther from the surface than four standard deviations σ are rejected,
     and the cost of `Likelihood` is minimised over the others, until the rejected readings no longer change. σ is
     estimated from the median distance in a sample with few readings of each direction, so that a rest of the sensor

@@ -49,7 +49,7 @@ MAX_LAG_S: Final = 1.0
 """Largest lag of the search in s, of either sign."""
 
 GRID_STEPS: Final = 20
-"""Count of steps of the search for positive and for negative lags."""
+"""Count of steps of the search on each side of a lag of zero."""
 
 MIN_CHI_SQUARE: Final = 9.0
 """Smallest reduction of χ² by a significant lag, which is three standard deviations."""
@@ -79,7 +79,7 @@ class Lag:
 
     @property
     def used_sigma_s(self) -> float:
-        """Standard deviation of the used lag; if 0 s is used in place of an insignificant lag, that lag is included."""
+        """1 σ in s of the lag that is used; a lag that is not significant is not used, and counts as an error."""
         return self.sigma_s if self.is_proven else float(np.hypot(self.sigma_s, self.seconds))
 
 

@@ -212,8 +212,8 @@ ROWS: Final = (
         fleet_action="turn the sensor through more directions, or trust that soft iron is mild",
         rule=Rule("prior_share", (Grade("limits", 0.1),)),
         said=(
-            "the least known parameter of the shape comes to {prior_share:.0%} from the prior that soft iron is mild: "
-            "{movement}"
+            "{prior_share:.0%} of the information on the least known parameter of the shape is the prior that soft "
+            "iron is mild: {movement}"
         ),
         plain=(
             "One of the 9 numbers of the correction comes to {number:.0%} from the assumption that soft iron is mild, "

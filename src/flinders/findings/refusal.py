@@ -86,7 +86,7 @@ REFUSALS: Final[dict[str, Refusal]] = {
     ),
     "refused": Refusal(
         "record again, and turn the sensor as the message says",
-        meaning="The recording was fitted, but the verdict on the fit is refused: it is not fit for use.",
+        meaning="The recording was fitted, but the verdict is refused: the calibration must not be used.",
     ),
     "unreadable": Refusal(
         "check whether the file is whole, and of a kind that is read",
@@ -177,7 +177,7 @@ REFUSALS: Final[dict[str, Refusal]] = {
         meaning="A file with this name exists and would be overwritten.",
     ),
     "changed-file": Refusal(
-        "give the new recording a name of its own: the row is of what the file was",
+        "give the new recording a name of its own: the row is that of the earlier content",
         meaning="A file of the fleet changed after its calibration. The row is that of the earlier content.",
     ),
     "vanished-file": Refusal(

@@ -130,7 +130,7 @@ def _pose(english: str, language: Language) -> str:
 
 def _why_large(values: Mapping[str, Any], language: Language) -> str:
     """Reason for a large heading error."""
-    name = values["next_step"][0]
+    name = values.get("repeated_step", values["next_step"])[0]
     return language.phrase(f"why-large.{name}", WHY_LARGE[name])
 
 

@@ -226,8 +226,8 @@ ROWS: Final = (
             "block data update), or turn the sensor more slowly"
         ),
         plain=(
-            "The axes of the sensor are not read at the same moment: in a quick turn this changes headings by "
-            "{angle}. The errors given here allow for it."
+            "The axes of the sensor are not read at the same moment. Quick turns in the recording therefore distort "
+            "the correction, which changes headings by {angle}. The errors given here allow for it."
         ),
         remedy="Read all axes at once, or turn the sensor more slowly.",
         alarm=True,

@@ -260,9 +260,9 @@ def swap(swapped_axes: str, swap_row: float, swap_count: float) -> str:
 
 
 def axis_lag(late_axis: str, late_by: float, is_timed: float) -> str:
-    """Words for an axis that is sampled later than the others.
+    """Words for an axis that is read later or earlier than the others.
 
-    `late_by` is in seconds, or in readings if the recording has no times.
+    `late_by` is in seconds, or in readings if the recording has no times; negative for an axis that is read earlier.
     """
     amount = f"{abs(late_by) * 1000.0:.0f} ms" if is_timed else f"{abs(late_by):.2f} readings"
     return f"axis {late_axis} is read {amount} {'later' if late_by > 0.0 else 'earlier'} than the others"
@@ -289,7 +289,7 @@ def runs(outlier_runs: Sequence[Row], outlier_run_count: float) -> str:
 
 def again(outlier_share: float) -> str:
     """Advice for a fit that outliers limit."""
-    return "; see what it was, and record again without" if outlier_share > MAX_OUTLIER_SHARE else ""
+    return "; find out what it was, and record again without it" if outlier_share > MAX_OUTLIER_SHARE else ""
 
 
 def rails(rail_ends: Sequence[Row]) -> str:

@@ -30,7 +30,10 @@ Step = tuple[str] | tuple[str, float]
 
 
 def tilted_errors(fit: Fit, limit_deg: float) -> list[tuple[float, float]]:
-    """Smallest and largest tilt of `TILTS_DEG` above `limit_deg`, each with the worst heading error, in degrees."""
+    """Smallest and largest listed tilt above `limit_deg`, each with the worst heading error there, in degrees.
+
+    Listed tilts are `TILTS_DEG` and upside down.
+    """
     beyond = [tilt for tilt in (*TILTS_DEG, UPSIDE_DOWN) if tilt > limit_deg]
     return [(tilt, fit.claim.tilted_error(tilt).worst) for tilt in dict.fromkeys((*beyond[:1], *beyond[-1:]))]
 

@@ -86,7 +86,7 @@ MAX_AUTO_CLAIM_RATIO: Final = 0.95
 """Largest claimed heading error at which a sensor is used, relative to the error claimed without the sensor."""
 
 MIN_ROTATION_CHI2: Final = 16.3
-"""Smallest χ² of a significant rotation: the 99.9 % quantile for three degrees of freedom."""
+"""Smallest χ² of a significant rotation, with three degrees of freedom: chance exceeds it in 0.1 % of cases."""
 
 MIRRORED_AXIS: Final = "mirrored-axis"
 """Code of the finding on a mirrored axis, which replaces "swapped-axes", because such an axis looks like a swap."""

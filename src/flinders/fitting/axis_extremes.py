@@ -116,7 +116,7 @@ def from_extremes(
     unit : str or Unit, optional
         Unit of the numbers, such as ``"mG"``; by default counts.
     axes : str or Axes, optional
-        The recorded axis for each axis, such as ``"x,-y,-z"``.
+        Recorded axis that becomes x, y and z, such as ``"x,-y,-z"``.
 
     Returns
     -------

@@ -131,8 +131,8 @@ def fit(
     unit : str or Unit, optional
         Unit of an array or a file, as in `flinders.read`: ``"uT"``, ``"mG"``; a recording has its own.
     axes : str or Axes, optional
-        The recorded axis for each axis, such as ``"x,-y,-z"``; a recording has its own. For a `Summary`, `axes` and
-        `unit` are those of its readings.
+        Recorded axis that becomes x, y and z, such as ``"x,-y,-z"``; a recording has its own. For a `Summary`, `axes`
+        and `unit` are those of its readings.
     sensor : str or int, optional
         Name or serial number, stored with the calibration; for a log, number or name of the magnetometer to use.
     disturbances : sequence of str

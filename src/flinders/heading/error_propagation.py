@@ -262,7 +262,7 @@ def direction_errors_deg(ellipsoid: Ellipsoid, covariance: Floats, directions: F
 def alignment_error_deg(sigma_deg: float, *, dip_deg: float = 60.0) -> float:
     """Heading error (1 σ, degrees) of a level vehicle from a mounting with the uncertainty `sigma_deg` about each axis.
 
-    A rotation about z adds to the heading directly; a tilt changes the heading by tan I times the tilt.
+    A rotation about z adds to the heading directly; a tilt changes the heading by up to tan I times the tilt.
 
     >>> round(alignment_error_deg(1.0, dip_deg=60.0), 2)
     2.0

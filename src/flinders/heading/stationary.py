@@ -49,7 +49,7 @@ class Rest:
     stop: int  # index after the last reading
     heading_deg: float  # mean heading, in [0, 360)
     spread_deg: float  # scatter of single headings, 1 σ
-    sigma_deg: float  # 1 σ of the mean, from the means of its eighths, which includes slow noise
+    sigma_deg: float  # 1 σ of the mean by the means of its eighths, with slow noise, but without the effect of iron
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready, with the names of the attributes as keys."""
@@ -82,8 +82,8 @@ class HalfTurn:
 def rests(heading_deg: ArrayLike, *, least_readings: int = MIN_REST_READINGS) -> tuple[Rest, ...]:
     """Find rests of at least `least_readings` in (N,) headings in the order of time, NaN if missing.
 
-    Consecutive rests on the same heading, interrupted by a disturbance, count as one. The first and the last eighth of
-    the shortest rest are left out of each rest, because turns end and begin in them.
+    Consecutive rests on the same heading, interrupted by a disturbance, count as one. At both ends of a rest, an eighth
+    of the shortest rest is left out, because turns end and begin there.
 
     Raises `ArrayError` for anything but a list of numbers.
     """

@@ -108,7 +108,7 @@ class RecordedFeed:
                 "start another recording"
             )
         is_new, self._is_checked = self._header is None, True
-        self._header = self._header or header  # a column that is sometimes missing has its place by the first block
+        self._header = self._header or header  # columns of the first block; one that is missing later is nan
         nothing = np.full(len(samples), np.nan)
         rows = zip(*[columns.get(name, nothing).tolist() for name in self._header.split(",")], strict=True)
         text = "".join(f"{at:.6f},{','.join(f'{value:.9g}' for value in rest)}\n" for at, *rest in rows)

@@ -23,7 +23,7 @@ class RecordingStatistics:
     unit: str = ""  # µT or counts; empty if the columns of the magnetometer are unknown
     readings: int = 0  # number of rows
     unknown: int = 0  # number of lines that could not be parsed
-    accompanying: int = 0  # number of those lines that a program prints along with its readings; known at the end
+    accompanying: int = 0  # number of `unknown` lines that a program prints along with its readings; known at the end
     lines: int = 0
     received: int = 0  # number of bytes
     seconds: float = 0.0  # time since the start, in s
@@ -72,9 +72,10 @@ class RecordingStatistics:
                 "min": self.weakest if known else None,
                 "max": self.strongest if known else None,
             },
-            "not_understood": self.unknown - self.accompanying,  # number of lines that could not be parsed
-            "accompanying": self.accompanying,
-            "first_not_understood": self.first_unknown or None,  # the first of these lines
+            # number of lines that could not be parsed, without `accompanying`
+            "not_understood": self.unknown - self.accompanying,
+            "accompanying": self.accompanying,  # number of lines that a program prints along with its readings
+            "first_not_understood": self.first_unknown or None,  # the first of them, or of `accompanying`
             "bytes": self.received,  # number of received bytes
             "disconnections": self.disconnections,
             "datagrams_lost": self.datagrams_lost,

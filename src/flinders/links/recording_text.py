@@ -38,7 +38,8 @@ class ResumedRecording:
     """What is needed to continue a recording: header, first rows, and time since its start.
 
     `header` is the line above the rows: empty if there is none, None if there are no rows either. `rows` are the first
-    rows. `seconds` is the time from the start of the recording to now, and not less than the time in its last row.
+    rows. `seconds` is the time from the start of the recording to now; where rows begin with their time, it is not less
+    than that of the last row.
     """
 
     header: str | None

@@ -1,4 +1,4 @@
-"""Sinks of a recording: a file that is safe on disk within 1 s, a file that waits for room on the disk, or a pipe.
+"""Sinks of a recording: a file that is safe on disk within 1 s, one whose text waits for room on the disk, or a pipe.
 
 Text is passed to the operating system immediately and forced to the disk every second. A crash of the machine therefore
 loses at most 1 s of a recording, and a killed program loses less.
@@ -96,7 +96,7 @@ class FileSink:
             self._comment_incomplete_line()
 
     def write(self, text: str) -> None:
-        """As `Sink.write`; a line that does not fit on the disk is not written at all."""
+        """As `Sink.write`; text that does not fit on the disk is not written at all."""
         content = memoryview(text.encode())
         with self._failures():
             if self._is_over:  # the old file is emptied only when there is new text

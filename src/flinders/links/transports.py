@@ -308,7 +308,7 @@ class StandardInput:
         self.is_done = False
 
     def read(self, timeout: float) -> bytes:
-        """As `ByteSource.read`; on Windows it may wait longer than the timeout."""
+        """As `ByteSource.read`; on Windows it waits without a limit."""
         if self.is_done:
             time.sleep(timeout)
             return b""

@@ -15,7 +15,7 @@ enum { MIN_NOISE_READINGS = 12,           /* smallest number of readings for a m
 #define MIN_SLOW_GAIN_BITS ((real)15) /* bits of likelihood that slow noise gains over white noise, if it is significant */
 #define MAX_NOISE_SHARE ((real)0.08) /* largest noise, of the field, at which a step that assumes small residuals is made */
 
-/* Take stretches of n readings each, from `every` to the next, of one recording without outliers. */
+/* Take stretches of `length` readings of one recording without outliers; the next begins `every` readings later. */
 static void gather_all(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, size_t every,
                        size_t length, const fl_room *room, fl_residuals *out)
 {

@@ -501,7 +501,7 @@ static void cells(const real *x, const real *y, const real *z, size_t n, uint32_
 
 /* Eight models of noise side by side: variance and state of the disturbance, and the innovations of a few rows. Inner
  * loops go over the models and no further, else compilers shuffle numbers. */
-enum { LANE_COLUMNS = 6, FACTORS = sizeof(real) == sizeof(double) ? 5 * LANE_COLUMNS : LANE_COLUMNS, /* of a product that stays a number */
+enum { BATCH_ROWS = 6, FACTORS = sizeof(real) == sizeof(double) ? 5 * BATCH_ROWS : BATCH_ROWS, /* of a product that stays a number */
        HALF_LANES = (FL_LANES + 1) / 2 };
 typedef real lanes[FL_LANES];
 typedef struct {
@@ -579,7 +579,7 @@ static inline void follow_strength(real value, const filters *at, real *restrict
 }
 
 /* Add the products of the innovations of one column of a few rows with those of some others. */
-static inline void add_column(lanes *weighed, lanes (*others)[LANE_COLUMNS], int count, size_t rows, lanes *restrict sums)
+static inline void add_column(lanes *weighed, lanes (*others)[BATCH_ROWS], int count, size_t rows, lanes *restrict sums)
 {
     for (int b = 0; b < count; b++)
         for (size_t row = 0; row < rows; row++)
@@ -587,10 +587,10 @@ static inline void add_column(lanes *weighed, lanes (*others)[LANE_COLUMNS], int
 }
 
 /* Add the products of all pairs of innovations of a few rows over their variances. */
-static inline void add_rows_of(lanes (*innovation)[LANE_COLUMNS], lanes *weight, size_t rows, lanes *restrict sums)
+static inline void add_rows_of(lanes (*innovation)[BATCH_ROWS], lanes *weight, size_t rows, lanes *restrict sums)
 {
     for (int a = 0; a < 10; sums += 10 - a, a++) {
-        lanes weighed[LANE_COLUMNS];
+        lanes weighed[BATCH_ROWS];
         for (size_t row = 0; row < rows; row++)
             for (int lane = 0; lane < FL_LANES; lane++)
                 weighed[row][lane] = innovation[a][row][lane] * weight[row][lane];
@@ -599,9 +599,9 @@ static inline void add_rows_of(lanes (*innovation)[LANE_COLUMNS], lanes *weight,
 }
 
 /* The same; with as many rows as most have, known to the compiler. */
-static void add_innovations(lanes (*innovation)[LANE_COLUMNS], lanes *weight, size_t rows, lanes *sums)
+static void add_innovations(lanes (*innovation)[BATCH_ROWS], lanes *weight, size_t rows, lanes *sums)
 {
-    if (rows == LANE_COLUMNS) add_rows_of(innovation, weight, LANE_COLUMNS, sums);
+    if (rows == BATCH_ROWS) add_rows_of(innovation, weight, BATCH_ROWS, sums);
     else add_rows_of(innovation, weight, rows, sums);
 }
 
@@ -612,7 +612,7 @@ static void filter(const fl_series *series, int is_vector, const real variance[F
                    real log_determinant[FL_LANES], real sums[55][FL_LANES])
 {
     filters at;
-    lanes state[10][3] = {{{0}}}, weight[LANE_COLUMNS], innovation[10][LANE_COLUMNS];
+    lanes state[10][3] = {{{0}}}, weight[BATCH_ROWS], innovation[10][BATCH_ROWS];
     memset(&at, 0, sizeof at);
     memset(sums, 0, 55 * FL_LANES * sizeof(real));
     for (int lane = 0; lane < FL_LANES; lane++) {
@@ -621,7 +621,7 @@ static void filter(const fl_series *series, int is_vector, const real variance[F
     }
     for (size_t k = 0; k < series->n; k++) {
         const real *const row = series->rows + 10 * k;
-        const size_t of = k % LANE_COLUMNS;
+        const size_t of = k % BATCH_ROWS;
         let_decay(&at, series->steps[k], memory);
         if (is_vector) {
             weigh_vector(&at, row, series->counts[k], weight[of]);
@@ -630,7 +630,7 @@ static void filter(const fl_series *series, int is_vector, const real variance[F
             weigh_strength(&at, series->counts[k], weight[of]);
             for (int i = 0; i < 10; i++) follow_strength(row[i], &at, state[i][0], innovation[i][of]);
         }
-        if (of + 1 < LANE_COLUMNS && k + 1 < series->n) continue;
+        if (of + 1 < BATCH_ROWS && k + 1 < series->n) continue;
         add_innovations(innovation, weight, of + 1, sums);
         if ((k + 1) % FACTORS && k + 1 < series->n) continue;
         for (int lane = 0; lane < FL_LANES; lane++)

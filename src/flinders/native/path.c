@@ -170,7 +170,7 @@ static int extend(const plan *way, const walk *walks, int count, step *steps)
     return found;
 }
 
-/* The step with the smallest number of equally good ones; −1 if all are NaN. */
+/* Index of the step with the smallest number, of about equal ones the first; −1 if all are NaN. */
 static int least_of(const step *steps, int count, int is_worst)
 {
     int best = -1;

@@ -85,7 +85,8 @@ static int is_repeated(const fl_residuals *residuals, size_t i)
     return is_same;
 }
 
-/* Average successive readings to at most FL_SERIES per stretch, repeated ones once; returns their time step. */
+/* Average successive readings, repeated ones once, to at most FL_SERIES means, and one more for each stretch; returns
+ * the time that the means span. */
 static real averages(const fl_view *view, const fl_residuals *residuals, const fl_room *room, fl_series *series)
 {
     const size_t most = (residuals->n + FL_SERIES - 1) / FL_SERIES;

@@ -15,9 +15,9 @@ enum {
 };
 
 #define MIN_BREAK_RATIO ((real)3) /* smallest ratio of a break to the largest among three readings on either side */
-#define MAX_MENDED_RATIO ((real)2) /* largest ratio of the break to that once a swap is undone */
+#define MAX_MENDED_RATIO ((real)2) /* largest ratio of the break that remains if a swap is undone to the largest among three readings on either side */
 #define MAX_REJECTED_SHARE ((real)0.05) /* largest share of outliers with which swapped axes are searched */
-#define MIN_DISTANCE_RATIO ((real)3) /* smallest ratio of the distances of one part from the surface to the noise of the majority */
+#define MAX_UNDONE_DISTANCE_RATIO ((real)3) /* largest ratio of the rms distance of all readings from the surface, if a swap is undone, to the noise of the majority */
 #define MIN_NOISE_GAIN ((real)1.1) /* smallest factor by which readings are closer to an ellipsoid; the noise of 500 readings changes by up to 9 % */
 #define MAX_STATED_GAIN ((real)1000) /* largest stated factor, also if readings as recorded lie on no ellipsoid */
 #define MIN_LOG_GAIN ((real)10) /* smallest gain in log-likelihood, n ln gain, of n independent readings */
@@ -113,7 +113,7 @@ void fl_confirm_swaps(const fl_kernels *kernels, const fl_view *view, const fl_f
         }
     }
     const real one = squares[0][0] + squares[1][1], other = squares[0][1] + squares[1][0];
-    if ((one < other ? one : other) <= MIN_DISTANCE_RATIO * MIN_DISTANCE_RATIO * fit->noise * fit->noise * (real)n) return;
+    if ((one < other ? one : other) <= MAX_UNDONE_DISTANCE_RATIO * MAX_UNDONE_DISTANCE_RATIO * fit->noise * fit->noise * (real)n) return;
     memset(record->swaps, 0, sizeof record->swaps);
     for (int i = 0; i < 6; i++) record->first_swap[i] = -1;
 }

@@ -64,8 +64,8 @@ NANOSECONDS: Final = re.compile(r"(.*?)(?:n|nano)(secs?)\b(.*)", re.IGNORECASE)
 ONBOARD_COLUMN: Final = re.compile(r"(?:Ofs|MO)[XYZ]")
 """Columns of the message ``MAG`` in a flight log: offsets of the compass, and of the motors' current."""
 ROS_ENDINGS: Final = ("magnetic_field.x", "magnetic_field/x")  # endings of names that sensor_msgs defines in tesla
-# Ratio of two spreads above which the reset readings have the opposite sign: that of set plus reset, and that of their
-# difference
+# Ratio of two spreads, that of set plus reset to that of set less reset, above which the sign of the reset readings was
+# turned already
 MIN_TURNED_RATIO: Final = 3.0
 RAW_NAME: Final = re.compile(r"raw|uncal", re.IGNORECASE)
 """Part of a name that marks readings without correction."""

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 # Smallest time since 1970 in ns, µs, ms and s, with the factor to s. Four times each value is the year 2096.
 EPOCHS: Final = ((1e18, 1e-9), (1e15, 1e-6), (1e12, 1e-3), (1e9, 1.0))
-# Readings per time above which times have too few digits; a sensor's buffer gives only a few readings at once
+# Readings per time from which times have too few digits; a sensor's buffer gives fewer readings at once
 MIN_READINGS_PER_TIME: Final = 10
 # Resolution in s from which a constant time lacks digits; with a finer one its clock has stopped
 MIN_COARSE_S: Final = 1.0
@@ -73,7 +73,7 @@ def with_time_factor(column: Column, unit: str, values: Floats) -> Column:
 
 @np.errstate(over="ignore")
 def reason_of_missing_digits(values: Floats, unit: str) -> str:
-    """Reason if a time lacks digits: many readings share one time, and times differ in the last digit only."""
+    """Reason if a time lacks digits: many readings share one time, and times rise by one unit of the last digit."""
     values = values[np.isfinite(values)]
     changes = np.flatnonzero(np.diff(values)) + 1
     runs = np.diff([0, *changes, len(values)])

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from flinders.core.language import TERMINAL_LANGUAGE, phrase
 from flinders.errors import python_arguments
 from flinders.report.comparison_pages import TITLES, page_of_comparison, page_of_partial_check
-from flinders.report.phrases import date, degrees, duration, general
+from flinders.report.phrases import date, degrees, duration, plain_number
 from flinders.report.terminal import facts, page, verdict
 from flinders.workflows.onboard import ONBOARD_NAME
 
@@ -61,7 +61,7 @@ def page_of_aged(aged: AgedCalibration) -> RenderableType:
 
 def _aged_words(aged: AgedCalibration) -> tuple[str, str]:
     """Title and words of the verdict on an aged calibration."""
-    target = general(aged.until.target_deg)
+    target = plain_number(aged.until.target_deg)
     holds, cannot_tell = (phrase(f"answer.check.{answer}", TITLES[answer][1]) for answer in ("holds", "cannot-tell"))
     if aged.answer == "holds":
         if aged.until.target_s is None:

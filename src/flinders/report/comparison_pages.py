@@ -22,7 +22,7 @@ from flinders.core.units import unit_label
 from flinders.errors import figures, python_arguments
 from flinders.findings.words import ANY_ANGLE_DEG
 from flinders.report.formatting import shown_findings, with_uncertainty, without_repeated_steps
-from flinders.report.phrases import advice_of, angle, count, degrees, general, joined, p_value, share
+from flinders.report.phrases import advice_of, angle, count, degrees, join_parts, p_value, plain_number, share
 from flinders.report.terminal import lines, notes, page, style_cells, table, verdict
 
 if TYPE_CHECKING:
@@ -94,14 +94,14 @@ def page_of_partial_check(
     known: Fit, fit: Fit, strength: LengthSums, spell: Spelling = python_arguments
 ) -> RenderableType:
     """Lay out what a recording without a usable fit says about a known calibration, and why there is no fit."""
-    basis = joined(count(fit.evidence.samples, "reading"), fit.evidence.method)
+    basis = join_parts(count(fit.evidence.samples, "reading"), fit.evidence.method)
     made, name = known.evidence.noise / known.calibration.ellipsoid.radius, known.provenance.name
     words = phrase(
         "check.partial",
         "whether {name} holds: this recording gives no fit that can be used, for the reasons below. Corrected by "
         "{name}, the strength of its readings is {mean} of the field, with a spread of {spread}{made}",
         name=name,
-        mean=general(strength.mean, ".3f"),
+        mean=plain_number(strength.mean, ".3f"),
         spread=share(strength.spread, 1),
         made=""
         if math.isnan(made)
@@ -143,7 +143,7 @@ def _own_words(own: Collection[str]) -> str:
 
 
 def _unchecked_words() -> str:
-    """Verdict of such a check."""
+    """Verdict of a check of a calibration with the readings that it was fitted to."""
     return phrase(
         "check.unchecked",
         "a calibration always fits its own readings, even if the sensor has changed: this proves nothing",
@@ -161,7 +161,7 @@ def _turned_words() -> str:
 
 def _differences(comparison: Comparison) -> Table:
     heading, claimed = comparison.heading_difference_deg, comparison.claimed_deg
-    mean = f"{general(round(comparison.heading_mean_deg, 2) + 0.0, '.2f')}°"
+    mean = f"{plain_number(round(comparison.heading_mean_deg, 2) + 0.0, '.2f')}°"
     claims = f"  {phrase('compare.claimed', 'claimed, 1 σ')}"
     name = phrase("compare.heading", "heading")
     rows: list[Sequence[RenderableType]] = [style_cells("bold", name, angle(heading.rms), angle(heading.worst), mean)]
@@ -219,9 +219,9 @@ def _comparison_verdict(
             "compare.omitted", "the rotation into the body of {angle}, known to one alone, is left out",
             angle=degrees(comparison.omitted_rotation_deg),
         )  # fmt: skip
-        basis = joined(basis, omitted)
+        basis = join_parts(basis, omitted)
     if fresh is not None:
-        basis = joined(basis, f"{count(fresh.evidence.samples, 'reading')}{covered_words(fresh)}")
+        basis = join_parts(basis, f"{count(fresh.evidence.samples, 'reading')}{covered_words(fresh)}")
     answer = "cannot-tell" if is_unchecked else comparison.answer
     is_firm = not limits and not comparison.is_turned
     colour = {"holds": "good" if is_firm else "limited", "fails": "refused", "cannot-tell": "limited"}[answer]
@@ -236,17 +236,17 @@ def covered_words(fit: Fit) -> str:
 
 def _square_basis(error: HeadingError, square: float | None, freedom: int) -> str:
     """Dip for which a heading error holds, and chi-square if there is one."""
-    level = phrase("compare.level", "level vehicle, dip {dip}°", dip=general(error.dip_deg, ".3g"))
+    level = phrase("compare.level", "level vehicle, dip {dip}°", dip=plain_number(error.dip_deg, ".3g"))
     if square is None:
         return level
-    size = f"= {general(round(square, 6), '.3g')}" if square < 1000.0 else "> 1000"
+    size = f"= {plain_number(round(square, 6), '.3g')}" if square < 1000.0 else "> 1000"
     words = phrase("compare.freedom", "χ² {size} for {freedom} degrees of freedom", size=size, freedom=str(freedom))
-    return joined(level, words)
+    return join_parts(level, words)
 
 
 def _words(comparison: Comparison, fresh: Fit | None, *, is_limited: bool) -> str:
     """The answer in words: difference, bound, target and chance; then the remedy."""
-    target = f"{general(comparison.target_deg)}°"
+    target = f"{plain_number(comparison.target_deg)}°"
     if comparison.is_identical:
         return phrase("compare.same", "the same calibration twice")
     if comparison.is_turned_beyond_target:
@@ -430,7 +430,7 @@ def _evaluation_verdict(evaluation: Evaluation) -> Table:
     if evaluation.verdict == "unclaimed":
         reason = phrase("truth.unstated", "the calibration states no uncertainty")
     off = evaluation.body_heading_error_deg or evaluation.heading_error_deg
-    values = {"worst": up_to(off.worst), "target": f"{general(evaluation.target_deg)}°", "reason": reason}
+    values = {"worst": up_to(off.worst), "target": f"{plain_number(evaluation.target_deg)}°", "reason": reason}
     words = (
         phrase("truth.within", "headings are off by {worst}, within the target of {target}; {reason}", **values)
         if is_on_target

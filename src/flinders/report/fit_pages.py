@@ -33,7 +33,7 @@ from flinders.report.formatting import (
     without_repeated_steps,
 )
 from flinders.report.onboard_pages import TITLES, errors_table, page_of_onboard
-from flinders.report.phrases import advice_of, count, date, degrees, general, joined, p_value
+from flinders.report.phrases import advice_of, count, date, degrees, join_parts, p_value, plain_number
 from flinders.report.terminal import COLOURS, facts, lines, notes, page, table, verdict, whole_columns
 
 if TYPE_CHECKING:
@@ -115,12 +115,12 @@ def page_of_file(fit: Fit, spell: Spelling = python_arguments, *, is_verbose: bo
     readings = phrase("file.in", "in {unit}, axes {axes}", unit=calibration.raw.name, axes=str(calibration.axes))
     origin = [
         (phrase("file.made", "made"), f"{date(provenance.date)}, Flinders {provenance.flinders}" if provenance else ""),
-        (phrase("file.from", "from"), joined(*files)),
+        (phrase("file.from", "from"), join_parts(*files)),
         (phrase("plan.fact.sensor", "sensor"), calibration.sensor or ""),
         (phrase("file.readings", "readings"), readings),
     ]
     sigma = fit.claim.offset_sigma if fit.claim.states_uncertainty else np.full(3, np.nan)
-    basis = joined(count(fit.evidence.samples, "reading"), fit.evidence.method)
+    basis = join_parts(count(fit.evidence.samples, "reading"), fit.evidence.method)
     said = (
         _verdict_of_fit(fit, basis, *_further_lines(fit))
         if fit.claim.states_uncertainty
@@ -229,13 +229,12 @@ def _change_words(fit: Fit) -> Text | None:
     known = fit.evidence.diagnosis.refreshed
     if known is None:
         return None
-    between = "; " if numeral("1.5") != "1.5" else ", "
     words = phrase(
         "refreshed.change",
         "Since {previous} the offset has changed by ({change}) {unit}: with it, headings would now be off by up to "
         "{error}. The soft iron is taken from it.",
         previous=known.previous,
-        change=between.join(general(number, "+.1f") for number in known.offset_change),
+        change=phrase("list.numbers", ", ").join(plain_number(number, "+.1f") for number in known.offset_change),
         unit=unit_label(fit.calibration.unit),
         error=degrees(known.heading_change_deg),
     )
@@ -252,7 +251,7 @@ def _verdict_of_fit(fit: Fit, basis: str, *more: str) -> Table:
             if fit.claim.dip_assumed
             else language.phrase("basis.dip", "level, dip {dip}°", dip=dip)
         )
-        basis = joined(basis, level)
+        basis = join_parts(basis, level)
     return verdict_line(fit.verdict, lead(fit), basis, *more)
 
 
@@ -260,7 +259,7 @@ def _fit_verdict(fit: Fit) -> Table:
     is_noisy = fit.evidence.noise > MAX_NOISE_SHARE * fit.calibration.ellipsoid.radius
     is_surface = not (fit.judgement.is_flat or fit.claim.plane or is_noisy)
     seen = covered_words(fit) if is_surface else ""
-    basis = joined(f"{count(fit.evidence.samples, 'reading')}{seen}", fit.evidence.method)
+    basis = join_parts(f"{count(fit.evidence.samples, 'reading')}{seen}", fit.evidence.method)
     return _verdict_of_fit(fit, basis, *_further_lines(fit))
 
 

@@ -175,7 +175,7 @@ def matrix_entries(matrix: Floats, sigma: Floats | None = None) -> list[list[str
 
 
 def curve_entries(calibration: Calibration) -> dict[str, list[str]]:
-    """Quadratic and cubic terms of each axis, in percent of the field at full field; empty without linearization.
+    """Terms of each axis for a reading as long as the field, in percent of the field; empty without linearization.
 
     >>> from flinders import Calibration
     >>> from flinders.core.linearization import Linearization
@@ -215,14 +215,18 @@ def shown_findings(fit: Fit) -> list[Finding]:
 
 
 def without_repeated_steps(findings: Iterable[Finding], fit: Fit | None = None) -> Iterator[Finding]:
-    """Findings in which a repeated next step is replaced by a reference to the headline or to an earlier finding."""
+    """Findings in which a repeated next step is replaced by a reference to the headline or to an earlier finding.
+
+    The value ``repeated_step`` is a next step that was replaced: the reason for a large heading error depends on it.
+    """
     headline = () if fit is None else first_causes(fit.findings)[:1]
     above = {step for finding in headline for step in _steps(finding).values()}
     for finding in findings:
         steps = _steps(finding)
         again = {name: ("as-above",) for name, step in steps.items() if step in above}
         above.update(steps.values())
-        yield replace(finding, values={**finding.values, **again})
+        repeated = {"repeated_step": steps["next_step"]} if "next_step" in again else {}
+        yield replace(finding, values={**finding.values, **again, **repeated})
 
 
 def _steps(finding: Finding) -> dict[str, Any]:

@@ -31,7 +31,7 @@ from flinders.core.language import numeral, phrase
 from flinders.core.units import unit_label
 from flinders.errors import figures
 from flinders.report.comparison_pages import at_most, chance_words, up_to
-from flinders.report.phrases import count, degrees, general, share
+from flinders.report.phrases import count, degrees, plain_number, share
 from flinders.report.terminal import notes, style_cells, table, verdict
 
 if TYPE_CHECKING:
@@ -103,14 +103,14 @@ def page_of_onboard(onboard: OnboardCheck, *, is_limited: bool) -> RenderableTyp
 
 
 def onboard_title(answer: Answer) -> str:
-    """Title of the advice on the on-board calibration."""
+    """Title of the advice on the onboard calibration."""
     return phrase(f"onboard.title.{answer}", TITLES[answer])
 
 
 def onboard_words(onboard: OnboardCheck, *, is_limited: bool = True) -> str:
     """Advice on replacing the onboard calibration, in words; `is_limited` is that of `page_of_onboard`."""
     comparison = onboard.comparison
-    worst, target = up_to(comparison.worst_deg), f"{general(comparison.target_deg)}°"
+    worst, target = up_to(comparison.worst_deg), f"{plain_number(comparison.target_deg)}°"
     if onboard.answer == "holds":
         is_better = comparison.p_value is not None and comparison.p_value < MAX_P_VALUE
         more = phrase("onboard.better", "; the new calibration is better, if you want more") if is_better else ""
@@ -150,7 +150,7 @@ def _remarks(onboard: OnboardCheck) -> Iterator[str]:
             count=count(onboard.changes, "time"),
         )  # fmt: skip
     if onboard.mounting is not None and any(onboard.mounting) and onboard.calibration.frame == "sensor":
-        roll, pitch, yaw = map(general, onboard.mounting)
+        roll, pitch, yaw = map(plain_number, onboard.mounting)
         yield phrase(
             "onboard.mounting",
             "the compass is mounted at roll {roll}°, pitch {pitch}°, yaw {yaw}°, which no calibration changes",

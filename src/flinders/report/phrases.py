@@ -40,7 +40,7 @@ def p_value(value: float) -> str:
     return numeral(formatting.p_value(value))
 
 
-def general(value: float, form: str = "g") -> str:
+def plain_number(value: float, form: str = "g") -> str:
     """Format a number, by default without trailing zeros."""
     return numeral(format(value, form))
 
@@ -70,6 +70,6 @@ def advice_of(finding: Finding, spell: Spelling) -> str:
     return translation.advice(finding, TERMINAL_LANGUAGE.get()) or advice(finding, spell)
 
 
-def joined(*parts: str) -> str:
-    """Parts of a line, set off from each other."""
+def join_parts(*parts: str) -> str:
+    """Join the parts of a line; empty parts are left out."""
     return phrase("list.separator", "; ").join(filter(None, parts))

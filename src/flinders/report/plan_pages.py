@@ -20,7 +20,7 @@ from rich.text import Text
 from flinders.core.language import TERMINAL_LANGUAGE, phrase
 from flinders.findings.words import UPSIDE_DOWN
 from flinders.fitting.verdict import headline_of
-from flinders.report.phrases import count, degrees, duration, general
+from flinders.report.phrases import count, degrees, duration, plain_number
 from flinders.report.terminal import facts, page, table, verdict, whole_columns
 from flinders.simulate.turn_sequence import CIRCLE_DEG
 from flinders.workflows.planned_fit import FIELD_STRENGTH, dip_of
@@ -62,7 +62,7 @@ def plan_facts(plan: Plan) -> list[tuple[str, str]]:
     body = f"{plan.body.name}: {phrase(f'plan.for.{plan.body.name}', plan.body.description)}"
     sensor = phrase(
         "plan.sensor", "{noise} µT of noise, {rate} readings a second{sensors}",
-        noise=general(recording.noise, ".3g"), rate=general(recording.rate_hz), sensors=sensors,
+        noise=plain_number(recording.noise, ".3g"), rate=plain_number(recording.rate_hz), sensors=sensors,
     )  # fmt: skip
     return [
         (phrase("plan.body", "body"), body),
@@ -81,7 +81,7 @@ def field_words(plan: Plan) -> str:
     """Words for the strength and dip of a plan's field."""
     site = plan.recording.site
     strength = FIELD_STRENGTH if site is None or site.strength is None else site.strength
-    shown, dip = general(strength, ".3g"), general(dip_of(site), ".3g")
+    shown, dip = plain_number(strength, ".3g"), plain_number(dip_of(site), ".3g")
     if site is not None and site.inclination_deg is not None:
         return phrase("plan.field", "{strength} µT, dip {dip}°", strength=shown, dip=dip)
     return phrase("plan.field-assumed", "{strength} µT, dip {dip}° (assumed)", strength=shown, dip=dip)
@@ -147,7 +147,7 @@ def alternative_words(each: Alternative) -> str:
     if each.name == "time":
         return phrase("plan.twice", "twice the time")
     if each.name == "tilt":
-        return phrase("plan.tilted", "tilted by {tilt}°", tilt=general(each.tilt_deg))
+        return phrase("plan.tilted", "tilted by {tilt}°", tilt=plain_number(each.tilt_deg))
     return f"+ {_aid(each.name)}"
 
 
@@ -167,7 +167,7 @@ def result_headings(target_deg: float) -> list[str]:
         phrase("errors.rms", "heading error, rms"),
         phrase("errors.worst", "worst"),
         phrase("plan.bound", "95 %"),
-        phrase("plan.within", "within {target}° to", target=general(target_deg)),
+        phrase("plan.within", "within {target}° to", target=plain_number(target_deg)),
     ]
 
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from flinders.workflows.recording_contents import Contents, RecordedSensor
 
 MAX_REPEATED_SHARE: Final = 0.02
-"""Share of repeated readings from which a remark is made."""
+"""Share of repeated readings above which a remark is made."""
 MAX_STRENGTH_DEVIATION: Final = 0.25
 """Largest relative deviation of the measured field strength from the site's without a remark on iron."""
 TITLE_WIDTH: Final = 11

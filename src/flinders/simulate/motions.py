@@ -122,7 +122,7 @@ def level_turn(rng: Generator, n: int) -> Floats:
 def hand_tumble(
     rng: Generator, *, seconds: float = 60.0, rate_hz: float = RATE_HZ, speed: float = 1.5, smoothness: float = 0.6
 ) -> Trajectory:
-    """Tumble a body by hand, smoothly and randomly, until all directions are covered.
+    """Tumble a body by hand, smoothly and randomly, so that in time all directions are covered.
 
     Body rates are white noise through two equal low-pass filters.
 

@@ -162,7 +162,7 @@ def loads(text: str | bytes, *, source: str = "truth") -> Truth:
 
 
 def dumps(truth: Truth) -> str:
-    """Text of the file, from which numbers are read to the bit; raises `UsageError` for numbers that are not finite."""
+    """Text of the file, from which numbers are read exactly; raises `UsageError` for numbers that are not finite."""
     content = truth.as_dict()
     for place in nonfinite_places(content):
         raise UsageError(f"truth: {place} is not finite: only finite numbers are written")

@@ -163,7 +163,7 @@ class DistinctReadings:
 
     @property
     def multiplicity(self) -> float:
-        """Mean number of times that a reading occurs in the recording."""
+        """Mean number of times that each different reading occurs in the recording."""
         return float(self.counts.mean()) if len(self.counts) else 1.0
 
 

@@ -68,7 +68,7 @@ def registry() -> Mapping[str, Target]:
         if row.name in targets:
             raise PluginError(row.write.__module__, f"there is a target {row.name!r} already")
         if row.group not in GROUPS:
-            raise PluginError(row.write.__module__, f"group {row.group!r} is not known: use one of {', '.join(GROUPS)}")
+            raise PluginError(row.write.__module__, f"group {row.group!r} is not known: use one of {'; '.join(GROUPS)}")
         targets[row.name] = row
     order = list(GROUPS)
     return {row.name: row for row in sorted(targets.values(), key=lambda row: order.index(row.group))}
@@ -99,7 +99,9 @@ def search(words: str) -> tuple[Target, ...]:
     found = tuple(row for row in registry().values() if all(word in _text_of(row) for word in words.casefold().split()))
     if not found:
         meant = did_you_mean(words, registry())
-        raise UsageError(f"no target has {words!r} in its name, written form or group{meant}")
+        raise UsageError(
+            f"no target has {words!r} in its name, written form or group{meant}: give no word to list all targets"
+        )
     return found
 
 

@@ -92,8 +92,9 @@ class OnlineCalibration:
 
     Raises
     ------
-    For a target, dip or walk out of range. For a `start` that cannot be used: one that is refused, states no
-    uncertainty, is linearized, or has a disturbance with a lag.
+    UsageError
+        For a target, dip or walk out of range. For a `start` that cannot be used: one that is refused, states no
+        uncertainty, is linearized, or has a disturbance with a lag.
     """
 
     def __init__(

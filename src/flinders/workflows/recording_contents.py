@@ -50,7 +50,7 @@ AUXILIARY: Final = ("time", "acceleration", "rate", "temperature", "current", "t
 """Other columns of a reading, by their names in `Samples`; ``current1`` and so on for single motors."""
 
 MIN_GAP_STEPS: Final = 5.0
-"""Smallest gap, in median steps between readings."""
+"""Smallest gap, in mean steps between readings; the longest step does not count in the mean."""
 
 MIN_COVERAGE: Final = 0.5
 """Smallest coverage of directions for which the size of the ellipsoid is shown."""

@@ -85,7 +85,8 @@ class UnitResult:
     dip_deg: float = math.nan  #: dip of the field that heading errors are for
     offset: tuple[float, ...] = _unknown_numbers(3)  #: 3 float, in `unit_of_field`
     matrix: tuple[float, ...] = _unknown_numbers(9)  #: 9 float: correction matrix, row by row
-    #: 45 float: upper triangle, row by row, of the covariance `Claim.claimed_covariance` of (b, S₁₁, …, S₂₃)
+    #: 45 float: upper triangle, row by row, of the covariance `Claim.claimed_covariance` of
+    #: (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃)
     covariance: tuple[float, ...] = _unknown_numbers(45)
     noise: float = math.nan  #: noise of the readings about the ellipsoid, 1 σ, in `unit_of_field`
     field_strength: float = math.nan  # strength of the corrected field, in `unit_of_field`

@@ -93,7 +93,10 @@ class Uploads:
 
     @contextlib.contextmanager
     def count_bytes(self) -> Iterator[Callable[[int], int]]:
-        """Yield a function that adds a number of bytes to an upload, and returns the upload's size so far."""
+        """Yield a function that adds a number of bytes to an upload, and returns the upload's size so far.
+
+        The bytes count to the `size` of all uploads in progress until the end of the block.
+        """
         mine = 0
 
         def count(size: int) -> int:

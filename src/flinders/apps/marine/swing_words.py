@@ -48,7 +48,7 @@ MIN_SIGMA_DEG: Final = 0.01
 TITLES: Final = {"within": "Within the limit", "open": "Open", "beyond": "Beyond the limit"}
 """Title of each verdict on a limit."""
 VERDICTS: Final = {"within": "good", "open": "limited", "beyond": "refused"}
-"""Verdict of a statement, by verdict on a limit."""
+"""Verdict of a statement, for each verdict on a limit."""
 
 ADVICE: Final = {"open": READING_ADVICE, "beyond": COMPENSATION_ADVICE}
 """Remedy for each verdict on a limit."""

@@ -62,7 +62,7 @@ class BoatEvent:
     """An event in the simulated days of a boat."""
 
     kind: Kind  # two circles, passing steel, iron moved for good, or instruments switched off
-    begin_s: float  # begin of the event, s from 1970
+    begin_s: float  # start of the event, s from 1970
     end_s: float  # end of the event, s from 1970
     size_ut: float  # µT: the largest change of the field at the compass; 0 without one
 

@@ -22,14 +22,16 @@ most, and all numbers of a sensor are scaled down if one is larger; calibration.
 
 from __future__ import annotations
 
-import json
 from typing import TYPE_CHECKING, Any, Final
 
+import msgspec
 import numpy as np
+from msgspec import Struct
 
 from flinders.apps.survey.instrument import SurveyCalibration
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
+from flinders.core.calibration_file import Triple, readable_message
 from flinders.core.json_layout import lay_out
 from flinders.core.units import COUNTS
 from flinders.errors import ArrayError, AxesError, DocumentError, NotExportable
@@ -117,15 +119,34 @@ def mag_cal_json(calibration: SurveyCalibration, *, dip_deg: float, noise: float
     return lay_out({"mag": mag, "grav": grav, "dip_avg": dip_deg, "ready": True}) + "\n"
 
 
+class MagCalSensor(Struct):
+    """Record of a sensor in the JSON of mag-cal."""
+
+    axes: str
+    transform: tuple[Triple, Triple, Triple]
+    centre: Triple
+    rbfs: list[list[Any]] = []
+
+
+class MagCal(Struct):
+    """JSON of mag-cal, as far as it is read."""
+
+    mag: MagCalSensor
+    grav: MagCalSensor
+
+
 def of_mag_cal(text: str | bytes) -> SurveyCalibration:
     """Calibration from JSON of mag-cal, or ``calib`` of a SAP6; raises `DocumentError` for other content."""
     try:
-        content: Any = json.loads(text)
-        content = content.get("calib", content)
-        return SurveyCalibration(_of_record(content["mag"]), _of_record(content["grav"]), "y")
-    except (KeyError, TypeError, ValueError, AttributeError, RecursionError, ArrayError, AxesError) as error:
+        content = msgspec.json.decode(text)
+        if isinstance(content, dict):
+            content = content.get("calib", content)
+        record = msgspec.convert(content, MagCal)
+        return SurveyCalibration(_of_record(record.mag), _of_record(record.grav), "y")
+    except (msgspec.DecodeError, RecursionError, ArrayError, AxesError) as error:
         raise DocumentError(
-            f"no calibration of mag-cal ({error}): need mag and grav, each with axes, transform and centre"
+            f"no calibration of mag-cal ({readable_message(error)}): need mag and grav, each with axes, transform and "
+            "centre"
         ) from None
 
 
@@ -163,10 +184,10 @@ def _record(sensor: Calibration, noise: float) -> dict[str, Any]:
     }
 
 
-def _of_record(record: dict[str, Any]) -> Calibration:
-    """Calibration of a sensor from the JSON of mag-cal; raises ValueError for radial basis functions."""
-    if np.any(np.array(record.get("rbfs", []), float)):
-        raise ValueError("radial basis functions are not read: calibrate from the shots")
-    axes = Axes.of(",".join(record["axes"][place : place + 2] for place in (0, 2, 4)))
-    matrix = np.array(record["transform"], float).T
-    return Calibration(matrix, np.array(record["centre"], float), 1.0, rotation="estimated", axes=axes)
+def _of_record(record: MagCalSensor) -> Calibration:
+    """Calibration of a sensor from its record; raises `DocumentError` for radial basis functions."""
+    if any(map(any, record.rbfs)):
+        raise DocumentError("mag-cal with radial basis functions is not read: calibrate from the shots")
+    axes = Axes.of(",".join(record.axes[place : place + 2] for place in (0, 2, 4)))
+    matrix = np.array(record.transform).T
+    return Calibration(matrix, np.array(record.centre), 1.0, rotation="estimated", axes=axes)

@@ -12,7 +12,7 @@ from flinders.cli import _program as program
 from flinders.cli._inputs import load, provenance, refuse_calibration, report_readings
 from flinders.cli._output import progress, say
 from flinders.cli._program import LIMITED
-from flinders.cli._spelling import in_options
+from flinders.cli._spelling import in_options, taken_options
 from flinders.errors import UsageError
 
 if TYPE_CHECKING:
@@ -79,8 +79,9 @@ class TwoAxis(program.Group):
         if self.after is None:
             return
         if self.reading.axes != "x,y,z":
+            what_to_do = "give --axes x,y,z with --chip" if "axes" in taken_options() else "leave --axes out"
             raise UsageError(
-                f"readings with {self.after} loaded are already in the axes of that calibration: leave --axes out"
+                f"readings with {self.after} loaded are already in the axes of that calibration: {what_to_do}"
             )
         if self.field_strength is not None:
             raise UsageError(f"{self.after} already sets the length of corrected readings: leave --field-strength out")

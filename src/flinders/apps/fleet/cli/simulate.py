@@ -37,7 +37,7 @@ class SimulatedFleet(program.Group):
     )  # fmt: skip
     drifting: float = program.member(
         "--drifting", type=program.number_within(0, 1, "a share from 0 to 1", zero=True), default=0.1,
-        show_default=True, metavar="SHARE", help="Number of units whose offset changes between two recordings.",
+        show_default=True, metavar="SHARE", help="Share of units whose offset changes between two recordings.",
     )  # fmt: skip
     seed: int = program.member(
         "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Another seed, other numbers."

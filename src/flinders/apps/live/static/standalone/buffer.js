@@ -43,7 +43,7 @@ export class Timeline {
 
     /**
      * Times of the session for times of the source. After the clock was set back, the session's time continues from its
-   * last time. A reading without a time has that of the reading before.
+     * last time. A reading without a time has that of the reading before.
      * @param {ArrayLike<number>} times
      * @returns {Float64Array}
      */

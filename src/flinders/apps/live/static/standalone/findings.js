@@ -358,7 +358,7 @@ function remedyWords({ is_better: is, is_covered: isCovered }) {
  * @param {EngineData} data
  */
 function again({ outlier_share: share }, { numbers }) {
-    return share > numbers.OUTLIERS_LIMIT ? "; see what it was, and record again without" : "";
+    return share > numbers.OUTLIERS_LIMIT ? "; find out what it was, and record again without it" : "";
 }
 
 /** @param {[string, string, number, number]} end */

@@ -5,7 +5,7 @@
  */
 
 import { bytesOf, Refusal } from "../dom.js";
-import { degrees } from "../views/words.js";
+import { degrees, sourceTitle } from "../views/words.js";
 import { SessionLink, tableOf } from "./running.js";
 import { seriesOf } from "./session.js";
 import { readLog } from "./lines.js";
@@ -238,7 +238,7 @@ export class OwnLink extends SessionLink {
         this.drain();
         const isOther = source.kind !== session.source.kind || source.name !== session.source.name;
         if (isOther && this.isUnsaved) {
-            throw new Refusal(phrase("link.unsaved", "There are readings of {name}: save them with Finish, Readings, and press Start again first.", { name: session.source.name }));
+            throw new Refusal(phrase("link.unsaved", "There are readings of {name}: save them with Finish, Readings, and press Start again first.", { name: sourceTitle(session.source.name) }));
         }
         if (this.source) {
             await this.source.stop();
@@ -290,7 +290,7 @@ export class OwnLink extends SessionLink {
         const { name, kind, unit } = kept;
         if (edits) this.session.adopt(this.now, edits);
         this.session.arrived(this.now, kept, unit);
-        const words = phrase("link.kept", "these are the readings of {name} from before this page was loaded again: choose it as source to go on", { name });
+        const words = phrase("link.kept", "these are the readings of {name} from before this page was loaded again: choose it as source to go on", { name: sourceTitle(name) });
         this.show({ name, kind, link: "ended", words });
         this.tell(words);
     }

@@ -39,18 +39,18 @@ export const COMPARED = Object.freeze({
  * @param {EngineData} data
  * @returns {string}
  */
-export function otherRecording({ name, calibration }, { unit, axes = "x,y,z" }, { said }) {
-    const found = otherOf({ name, calibration }, { unit, axes });
+export function otherRecording(previous, readings, { said }) {
+    const found = otherOf(previous, readings);
     return found ? fillTemplate(said[found.code === "other-unit" ? "other-recording" : "other-axes"], (each) => found.values[each]) : "";
 }
 
 /**
  * Unit or axes in which an earlier calibration and the readings differ; null for none.
  * @param {Previous} previous
- * @param {{unit: string, axes: string}} readings
+ * @param {{unit: string, axes?: string}} readings
  * @returns {{code: string, values: Record<string, string>} | null}
  */
-function otherOf({ name, calibration }, { unit, axes }) {
+function otherOf({ name, calibration }, { unit, axes = "x,y,z" }) {
     const isOther = (calibration.unit === "counts") !== (unit === "counts");
     if (!isOther && calibration.axes === axes) return null;
     const other = isOther ? (calibration.raw?.unit ?? calibration.unit) : calibration.axes;
@@ -96,7 +96,7 @@ export function comparePrevious(previous, fit, data, readings) {
     if (fit.renewed) return changeSince(fit, fit.renewed);
     const { engine } = fit;
     const words = otherRecording(previous, readings, data);
-    if (words) return { name, change_deg: null, words, ...otherOf(previous, { axes: "x,y,z", ...readings }) };
+    if (words) return { name, change_deg: null, words, ...otherOf(previous, readings) };
     const { structureDeg, dipDeg, covariance } = claimOf(calibration);
     const shape = shapeOf(calibration);
     const claimed = engine.withStructure(shape, covariance ?? new Float64Array(81), structureDeg, dipDeg);
