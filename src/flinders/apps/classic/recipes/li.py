@@ -32,8 +32,8 @@ class Li:
     """General ellipsoid by least squares on the quadric's value, with a constraint that makes it an ellipsoid.
 
     Minimises ``Σ q(x)²`` with ``k J − I² = 1``, where ``I = tr Q`` and ``J`` is the sum of the
-    principal 2 × 2 minors of Q. With k = 4 every solution is an ellipsoid, but only shapes whose short
-    radius is at least half the long one can be reached. Without k, the largest k that
+    principal 2 × 2 minors of Q. With k = 4 every solution is an ellipsoid. Every shape whose short
+    radius is at least half the long one can be reached, and flat ones cannot. Without k, the largest k that
     gives an ellipsoid is searched, from 2²⁰ down by bisection, as the paper proposes.
 
     Use ``Li(k=4)`` for parity with Magneto 1.2/1.4 and the scripts that copy it, and if other
