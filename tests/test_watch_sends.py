@@ -164,8 +164,8 @@ def test_sending_is_refused_where_nothing_could_be_put_back(tmp_path: Path, monk
     monkeypatch.chdir(tmp_path)
     udp = ("watch", "--udp", str(free_port()))
     for words, said in (
-        ((*udp, "--send", "."), "--send goes with --mavlink"),
-        ((*udp, "--send-interval", "60"), "--send-interval goes with --send"),
+        ((*udp, "--send", "."), "--send needs --mavlink"),
+        ((*udp, "--send-interval", "60"), "--send-interval needs --send"),
         (("watch", "--mavlink", "udp:127.0.0.1:1", "--send", "nowhere"), "need an existing folder"),
     ):
         ended = flinders_(*words)

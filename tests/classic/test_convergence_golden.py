@@ -114,7 +114,7 @@ def test_methods_that_cannot_be_watched_say_which_can() -> None:
     for method in sorted(set(METHODS) - set(watched)):
         ended = calibrate("tumble.csv", "--method", method, "--convergence", "s.svg")
         assert ended.exit_code == 2
-        assert f"--convergence goes with --method {' or '.join(watched)}: {method} uses all" in ended.output
+        assert f"--convergence needs --method {' or '.join(watched)}: {method} uses all" in ended.output
 
 
 @pytest.mark.parametrize(

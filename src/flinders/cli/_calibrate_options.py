@@ -94,7 +94,7 @@ class OutputOptions(program.Group, heading=program.OUTPUT):
         watched = [name for name, kind in METHODS.items() if issubclass(kind, SequentialEstimator)]
         if method not in watched:
             raise UsageError(
-                f"--convergence goes with --method {' or '.join(watched)}: {method} uses all readings at once, "
+                f"--convergence needs --method {' or '.join(watched)}: {method} uses all readings at once, "
                 "without iterations that could be shown"
             )
         if Path(self.convergence).suffix.lower() not in TRACES:
@@ -161,7 +161,7 @@ class Estimation(program.Group, heading=program.METHOD):
             self._refuse_but_recipes()
         if self.robust and self.method != "auto":
             raise UsageError(
-                "--robust goes with --method auto: leave --robust out"
+                "--robust needs --method auto: leave --robust out"
                 + ("" if self.method == "robust" else f", or use --method robust instead of {self.method}")
             )
         if self.prior is None:
@@ -171,7 +171,7 @@ class Estimation(program.Group, heading=program.METHOD):
         with_prior = [name for name, kind in METHODS.items() if "prior" in getattr(kind, "__dataclass_fields__", {})]
         if self.method not in with_prior:
             raise UsageError(
-                f"--prior goes with --method {' or '.join(with_prior)}: {self.method} has none, leave --prior out"
+                f"--prior needs --method {' or '.join(with_prior)}: {self.method} has none, leave --prior out"
             )
 
     def _refuse_but_recipes(self) -> None:
@@ -180,7 +180,7 @@ class Estimation(program.Group, heading=program.METHOD):
 
         recipes = [name for name, row in ROWS.items() if row.is_recipe]
         if self.method not in recipes:
-            raise UsageError(f"--even-if-refused goes with --method {' or '.join(recipes)}: leave it out")
+            raise UsageError(f"--even-if-refused needs --method {' or '.join(recipes)}: leave it out")
 
 
 class Sensors(program.Group):
@@ -203,12 +203,12 @@ class Sensors(program.Group):
         is_all = self.sensor is not None and self.sensor.strip().casefold() == "all"
         if is_all and len(recordings) > 1:
             raise UsageError(
-                "--sensor all goes with one file of several magnetometers: give one file, or leave --sensor out"
+                "--sensor all needs one file of several magnetometers: give one file, or leave --sensor out"
             )
         if self.joint and not is_all:
-            raise UsageError("--joint goes with --sensor all: it takes all magnetometers of a log or table")
+            raise UsageError("--joint needs --sensor all: it takes all magnetometers of a log or table")
         if self.reference is not None and not self.joint:
-            raise UsageError("--reference goes with --joint: without it no axes are rotated")
+            raise UsageError("--reference needs --joint: otherwise no axes are rotated")
         return is_all
 
 
@@ -233,11 +233,11 @@ class SiteOptions(program.Group, heading=program.SITE):
         """The site of ``--at``. Its axes are the vehicle's, with z down, if axes were typed."""
         if self.place is None or self.is_left_out:
             if self.date is not None:
-                raise UsageError("--date goes with --at: give both, or neither")
+                raise UsageError("--date needs --at: give both, or neither")
             if self.gain_sigma is not None:
-                raise UsageError("--gain-sigma goes with --at: without a field strength the gain is not estimated")
+                raise UsageError("--gain-sigma needs --at: without a field strength the gain is not estimated")
             if self.model is not None:
-                raise UsageError("--field-model goes with --at: give both, or neither")
+                raise UsageError("--field-model needs --at: give both, or neither")
             return None
         if self.date is None:
             raise UsageError(
@@ -308,17 +308,13 @@ class AidingOptions(program.Group, heading=program.AIDING):
         """Arguments `aiding` and `disturbances` of `flinders.fit`."""
         aiding, disturbances = split_recorded_names(self.names)
         if self.gyro_scale_sigma is not None and not {"rate", "auto"} & set(aiding):
-            raise UsageError(
-                "--gyro-scale goes with --with rate or auto: leave --gyro-scale out, or add rate to --with"
-            )
+            raise UsageError("--gyro-scale needs --with rate or auto: leave --gyro-scale out, or add rate to --with")
         for name, value in (("bias", self.acceleration_bias_sigma), ("gain", self.acceleration_gain_sigma)):
             if value is not None and not {"dip", "auto"} & set(aiding):
-                raise UsageError(
-                    f"--accelerometer-{name} goes with --with dip or auto: leave it out, or add dip to --with"
-                )
+                raise UsageError(f"--accelerometer-{name} needs --with dip or auto: leave it out, or add dip to --with")
         if self.previous is not None and not disturbances:
             raise UsageError(
-                "--previous goes with the disturbances of --with: name current, currents, throttle, throttles, "
+                "--previous needs the disturbances of --with: name current, currents, throttle, throttles, "
                 "temperature or another column, or leave --previous out"
             )
         instruments = self._instruments(aiding) if aiding else ()

@@ -85,7 +85,7 @@ def onboard_calibration(instrument: Instrument, field_strength: float | None) ->
 
 
 def _provenance(instrument: Instrument) -> ProvenanceRecord:
-    """Provenance that names the vehicle's compass. It lists no readings, as none of the log were used."""
+    """Provenance that names the vehicle's compass. It lists no readings, as no readings of the log were used."""
     from flinders.estimators.data import CountedRecording
 
     return provenance(files=[source_file(CountedRecording(instrument))])

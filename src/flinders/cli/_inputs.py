@@ -258,7 +258,7 @@ def load_for_use(command: str, path: str) -> Fit:
 
 
 def is_calibration(path: str) -> bool:
-    """Whether a path leads to a calibration file. Standard input and pipes count as none, as they are not read."""
+    """Whether a path leads to a calibration file. Not for standard input and pipes, which are not read."""
     from flinders.core.calibration_file import read
 
     with contextlib.suppress(DocumentError):

@@ -211,7 +211,7 @@ class LinesOptions(ColumnsOptions):
         source = next((name for name in sources if name in ("--mavlink", "--ros2", "--simulate")), None)
         wrong = [name for name in self.typed_options() if (source, name) != ("--ros2", "--unit")]
         if source is not None and wrong:
-            raise UsageError(f"{', '.join(wrong)} goes with lines and recordings: the unit of {source} is known")
+            raise UsageError(f"{', '.join(wrong)} applies only to lines and recordings: the unit of {source} is known")
 
 
 class UnitsOptions(Group, heading=RECORDING):

@@ -186,7 +186,7 @@ def print_error(
 
 
 def _spoken(error: FlindersError, exit_code: int, words: str) -> str:
-    """An error in one line: a refusal in the language of the terminal if it knows it, any other in English."""
+    """An error in one line: a refusal in the terminal's language if it is translated, other errors in English."""
     language = TERMINAL_LANGUAGE.get()
     refusal = language.translation(f"refusal.{error.code}") if isinstance(error, FitError) else ""
     if not refusal:

@@ -69,7 +69,7 @@ class Simulation(program.Group):
         if "-" in (self.truth, *others):
             raise UsageError("standard output is for the recording: name a file for --truth and --polar")
         if self.truth and not self.output:
-            raise UsageError("--truth goes with a recording: name a file for that with -o")
+            raise UsageError("--truth needs a file for the recording: name it with -o")
         files = (
             ("the recording", self.output),
             ("the truth", self.truth_path),

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from flinders.errors import Hint
 
 TAKEN: Final = "flinders.cli.taken"
-"""Key of the context for options whose values were taken from another one, by name."""
+"""Key of the context for options whose values came from another option, by name."""
 
 
 def in_options(hint: Hint, commands: Sequence[click.Command] | None = None) -> str:
@@ -57,19 +57,19 @@ def searched_commands(command: click.Command, program: click.Command) -> tuple[c
 
 
 def take_from(keyword: str, names: Iterable[str]) -> None:
-    """Note that the values of some options were taken from another one, which hints are to name in their place."""
+    """Note that the values of some options came from the option `keyword`, which hints name in their place."""
     click.get_current_context().meta[TAKEN] = dict.fromkeys(names, keyword)
 
 
 def taken_options() -> Mapping[str, str]:
-    """Options whose values were taken from another one, and that one, by the names of their parameters."""
+    """Options whose values came from another option, each with that option, by the names of their parameters."""
     context = click.get_current_context(silent=True)
     return context.meta.get(TAKEN, {}) if context else {}
 
 
 @contextlib.contextmanager
 def hints_of_typed_options() -> Iterator[None]:
-    """In the hint of an error, name the typed option in place of one whose value was taken from it."""
+    """In the hint of an error, name the option that was typed, if it set the value of another option."""
     try:
         yield
     except FlindersError as error:

@@ -108,11 +108,13 @@ def _calibrate_typed(options: Calibrate) -> int:
 
     files, estimation, reading = options.files, options.estimation, options.reading
     if files.exported:
-        raise UsageError("--export does not go with --minmax: write the calibration with -o, then use flinders export")
+        raise UsageError(
+            "--export cannot be used with --minmax: write the calibration with -o, then use flinders export"
+        )
     if options.recordings:
         raise UsageError(f"--minmax replaces a recording: leave out {options.recordings[0]} or --minmax")
     if estimation.method not in ("auto", "minmax"):
-        raise UsageError(f"--minmax goes with --method minmax: leave {estimation.method} out")
+        raise UsageError(f"--minmax needs --method minmax: leave {estimation.method} out")
     of_readings = {
         **files.of_readings,
         "--prior": estimation.prior,

@@ -102,7 +102,9 @@ def command(options: Check) -> int:
     if options.is_aged:
         return _age(options)
     if options.date is not None or options.history is not None:
-        raise UsageError("--date and --history go with a calibration alone: leave out these options or the recording")
+        raise UsageError(
+            "--date and --history need a calibration without a recording: leave out the options or the recording"
+        )
     from flinders.report.phrases import advice_of
 
     try:

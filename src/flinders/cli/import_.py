@@ -78,7 +78,7 @@ def command(options: Import) -> None:
         return
     if options.sensor is not None:
         raise UsageError(
-            f"--sensor goes with a log, and {file} is not a log: choose one of several compasses with --compass"
+            f"--sensor needs a log, and {file} is not a log: choose one of several compasses with --compass"
         )
     outputs = options.checked_outputs()
     content = read_bytes(file, largest=MAX_FILE_BYTES, what="file of parameters", refused=DocumentError)
@@ -104,7 +104,7 @@ def _import_log(options: Import) -> None:
     from flinders.cli._import_log import import_log
 
     if options.compass is not None:
-        raise UsageError("--compass goes with a file of parameters: choose a magnetometer of the log with --sensor")
+        raise UsageError("--compass needs a file of parameters: choose a magnetometer of the log with --sensor")
     import_log(
         options.file,
         sensor=options.sensor,

@@ -167,7 +167,7 @@ def _run_refresh(opened: list[CountedRecording], previous: Fit, options: Refresh
         return _refresh_on_courses(opened, previous, options)
     site, target_deg = _site(options, opened[0].recording), options.target_deg
     if program.is_typed("slowest") or program.is_typed("crab_deg"):
-        raise UsageError("--min-speed and --crab go with --course or --course-log: leave them out")
+        raise UsageError("--min-speed and --crab need --course or --course-log: leave them out")
     if options.headings is None and options.magnetic_headings is None:
         if len(opened) > 1:
             raise UsageError(
@@ -177,7 +177,7 @@ def _run_refresh(opened: list[CountedRecording], previous: Fit, options: Refresh
         softness = options.soft_iron_sigma
         return refresh(opened[0], previous, aiding=aiding, site=site, soft_iron_sigma=softness, target_deg=target_deg)
     if options.names or options.soft_iron_sigma:
-        raise UsageError("--with and --soft-iron-sigma go with a recording in motion: leave them out with --heading")
+        raise UsageError("--with and --soft-iron-sigma need a recording in motion: leave them out with --heading")
     headings = _magnetic_headings(options, opened[0].recording)
     return refresh_at_headings(opened, previous, headings, site=site, target_deg=target_deg)
 

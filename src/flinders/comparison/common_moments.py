@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from flinders.estimators import Estimate
 
 MAX_COPY_NOISE_RATIO: Final = 0.1
-"""Largest ratio to the noise of the residual of an affine map between two sensors, if one repeats the other."""
+"""Largest residual of an affine map between two sensors, relative to the noise, if one repeats the other."""
 
 
 def require_reference(sources: Mapping[str, Recording], reference: str | None, field_strength: float | None) -> str:

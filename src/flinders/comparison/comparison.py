@@ -177,7 +177,7 @@ class Comparison:
 
     @property
     def telling_bound_deg(self) -> float | None:
-        """Widest 95 % bound with which `answer` would be decided for this difference; None if it is decided."""
+        """Widest 95 % bound that would decide `answer` for this difference; None if `answer` is decided."""
         if self.answer != "cannot-tell" or self.claimed_deg is None or self.claimed_bound_deg is None:
             return None
         if self.worst_deg <= self.target_deg:
@@ -330,7 +330,7 @@ def compare(a: Fit, b: Fit, *, dip_deg: float | None = None, target_deg: float =
 
 
 def common_dip_deg(*fits: Fit) -> float:
-    """Dip, with its sign, at which the first of `fits` that states one was judged; else 60°."""
+    """Signed dip in degrees at which the first fit was judged, or the next one if that has no dip; else 60°."""
     stated = [fit.heading_error_deg.dip_deg for fit in fits]
     return next((dip for dip in stated if math.isfinite(dip)), 60.0)
 

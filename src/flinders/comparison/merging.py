@@ -263,7 +263,7 @@ def _claim(part: Fit) -> Floats:
 
 
 def _distortion(part: Fit) -> float:
-    """Direction-dependent error of a calibration, in its unit, which all calibrations of one sensor have in common."""
+    """Direction-dependent error of a calibration, in its unit; all calibrations of one sensor share this error."""
     across = math.radians(part.claim.structure_deg) * math.cos(math.radians(part.claim.known_dip_deg))
     return across * part.calibration.ellipsoid.radius
 
@@ -273,14 +273,14 @@ def _refuse_alone(part: Fit) -> None:
     _claim(part)
     if names := [disturbance.name for disturbance in part.calibration.disturbances]:
         raise UsageError(
-            f"{part.provenance.name} follows {' and '.join(names)}, which a mean of offset and matrix would lose: "
+            f"{part.provenance.name} follows {' and '.join(names)}, and a mean of offset and matrix follows nothing: "
             "fit the recordings together",
             hint={"disturbances": names},
         )
     if part.calibration.linearization is not None:
         raise UsageError(
-            f"{part.provenance.name} linearizes its axes, which a mean of offset and matrix would lose: calibrate from "
-            "one recording"
+            f"{part.provenance.name} linearizes its axes, and a mean of offset and matrix is not linearized: calibrate "
+            "from one recording"
         )
     if part.calibration.rotation != "symmetric":
         raise UsageError(

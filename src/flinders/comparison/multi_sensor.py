@@ -63,7 +63,7 @@ MAX_JOINT_ERROR_RATIO: Final = 1.5
 """Largest ratio of a sensor's heading error by the joint fit to that by its own fit, at which the joint fit is used."""
 
 MAX_OUTLIER_SHARE: Final = 0.5
-"""Largest share of outliers in a sensor's readings, and of outliers of its own fit that the joint fit accepts."""
+"""Largest share of outliers in a sensor's readings, and of inliers of the joint fit in outliers of its own fit."""
 
 MAX_ROUNDS: Final = 3
 """Largest count of fits; each fit is without the stretches in which a sensor deviated in the fit before."""
@@ -243,8 +243,8 @@ class _Body:
         """Constant difference of two sensors in degrees of heading, if it is unknown which one is wrong; else 0.
 
         Noise, or a field that moves with one sensor, changes lengths as well as directions, so that lengths show which
-        sensor is wrong. It is unknown in two cases: directions differ by far more than lengths, or the joint fit
-        assigns the error to the sensor with the more constant length.
+        sensor is wrong. Which one is wrong remains unknown in two cases: directions differ by far more than lengths, or
+        the joint fit assigns the error to the sensor with the more constant length.
         """
         alone = [self.starts[place] for place in self.own]
         sound = [start for start in alone if start is not None and is_sound(start)]

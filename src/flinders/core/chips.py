@@ -98,9 +98,9 @@ class ChipReading:
     def of(cls, text: str, *, is_in_counts: bool = True) -> Self:
         """Find chip and setting by a text: a name, or a name and a setting, such as ``QMC5883L:8G``.
 
-        Without a setting it is that after power-on. Raises `UsageError` for a chip or setting that the table lacks. For
-        readings in counts it is raised too if drivers select another setting than that after power-on, and the text
-        has none.
+        A text without a setting means that after power-on. Raises `UsageError` for a chip or setting that the table
+        lacks; for readings in counts also for a text without a setting, if drivers select another setting than that
+        after power-on.
         """
         name, colon, wanted = (part.strip() for part in text.partition(":"))
         chip = find_chip(name)

@@ -140,7 +140,7 @@ class Disturbance(Value):
 
     @property
     def has_range(self) -> bool:
-        """Whether the range of recorded values is known; it is not for parameters of an autopilot."""
+        """Whether the range of recorded values is known; parameters of an autopilot do not state it."""
         return self.lowest < self.highest
 
     @property

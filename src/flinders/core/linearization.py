@@ -29,7 +29,7 @@ BISECTIONS: Final = 60
 """Count of bisections after which a departure is known to the last bit."""
 
 MAX_SLOPE_RATIO: Final = 5.0
-"""Largest factor by which the slope of an axis within its limit may be larger or smaller than at the offset."""
+"""Largest ratio of two slopes of an axis, one at the offset and the other anywhere within the limit."""
 
 
 @dataclass(frozen=True, eq=False)

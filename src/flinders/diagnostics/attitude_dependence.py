@@ -5,8 +5,8 @@ matrix. Offset and soft iron absorb most of this effect. The rest appears in the
 normal n. The residuals are regressed on the nine products nᵢ dⱼ. Functions of the direction up to degree four,
 including the ellipsoid, are removed from the products first, so that nonlinear axes are not mistaken for this fault.
 
-Slow noise may follow the attitude by chance. How much it does is estimated by residuals that are shifted in time
-against the attitudes. Let c be the coefficients on an orthonormal basis of the products, and C the mean of c cᵀ over
+Slow noise may follow the attitude by chance. This effect is estimated by residuals that are shifted in time against
+the attitudes. Let c be the coefficients on an orthonormal basis of the products, and C the mean of c cᵀ over
 all shifts. Then cᵀC⁻¹c is Hotelling's T² of a correlated series. For noise T² is about the number of coefficients, if
 the correlation time is short against the recording. `MIN_T2` and `MIN_EXPLAINED` come from simulated noise (``python -m
 benchmarks.adversary --felt``).
@@ -76,8 +76,8 @@ def attitude_dependence_of(
 ) -> AttitudeDependence | None:
     """Test whether residuals depend on the attitude; None if they do not, or the recording is not sufficient.
 
-    `samples` are in the order of recording; `limit` is the distance from the ellipsoid beyond which readings are
-    outliers.
+    `samples` are in the order of recording; `limit` is the largest distance of an inlier from the
+    ellipsoid.
     """
     some = samples[:: -(-len(samples) // MAX_READINGS)]
     if some.acceleration is None:

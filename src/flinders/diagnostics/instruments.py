@@ -94,7 +94,7 @@ Of 1,002 recordings without a lean none exceeds them (``python -m benchmarks.wro
 """
 
 MIN_SIGNED_DIP_DEG: Final = 10.0
-"""Smallest dip in degrees whose sign iron nearby cannot reverse."""
+"""Smallest dip in degrees that cannot change its sign because of iron nearby."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -131,7 +131,7 @@ class RandomWalk:
         return f"{story}; {level_deg:g}° of heading (1 σ, dip {dip_deg:.0f}°) takes {least}{lifetime}"
 
     def story(self, unit: str, *, level_deg: float = 1.0, dip_deg: float = 60.0) -> str:
-        """Sentence on the change of the offset, or on that it cannot be determined to `level_deg`."""
+        """Sentence on the change of the offset; it says so if the change is not determined to `level_deg`."""
         over = duration_text(self.seconds)
         if not self.is_determined(level_deg, dip_deg=dip_deg):
             return (

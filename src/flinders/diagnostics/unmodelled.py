@@ -60,7 +60,7 @@ def unmodelled_of(
     time : float
         Count of readings equivalent to one independent reading.
     limit : float
-        Distance from the ellipsoid beyond which readings are outliers.
+        Largest distance of an inlier from the ellipsoid.
     """
     kinds = (name for name in samples.disturbances if not is_column(name))
     tests = (_test_disturbance(samples, name, ellipsoid, dip_deg, time, limit) for name in kinds)

@@ -506,7 +506,7 @@ def _inverse(equations: Equations) -> Floats:
 
 
 def _site_difference(problem: JointProblem, iterate: JointIterate, covariance: Floats) -> float | None:
-    """Difference of the estimated dip from that of the site, in standard deviations of the site's; None if unknown."""
+    """Estimated dip minus the site's dip, in standard deviations of the site's dip; None if unknown."""
     if problem.site is None or problem.site.sine is None:
         return None
     if "sine" in problem.layout:

@@ -146,6 +146,6 @@ def lifted_covariance(covariance: Floats, lift: Floats, unclaimed: float) -> Flo
 
 
 def _parameters(there: list[int]) -> list[int]:
-    """Index, among the nine parameters in axes of the plane, of each of the nine parameters in axes of the sensor."""
+    """For each of the nine parameters in axes of the sensor, its index in axes of the plane."""
     entries = [_ENTRY_PAIRS.index((min(pair), max(pair))) for pair in ((there[i], there[j]) for i, j in _ENTRY_PAIRS)]
     return [*there, *(3 + entry for entry in entries)]

@@ -196,8 +196,9 @@ def vertical_correlation(iterate: JointIterate) -> CorrelationLength:
     """Estimate the correlation length of the residuals of verticals in the order of time.
 
     A vertical has a reduced weight for the correlation length τ of the last estimate, so that its own noise has the
-    variance 1/τ in units of that weight. The fitted direction of its group leaves the share Q of a residual. The
-    expected square of the residual is Q²/τ from the noise of the vertical plus Q − Q² from the noise of readings.
+    variance 1/τ in units of that weight. After the fit of the direction of its group, the share Q of a residual
+    remains. The expected square of the residual is Q²/τ from the noise of the vertical plus Q − Q² from the noise of
+    readings.
     """
     rows, residuals, expected = [], [], 0.0
     span = iterate.weights.span
@@ -220,7 +221,7 @@ def vertical_correlation(iterate: JointIterate) -> CorrelationLength:
 
 
 def _share_left(own: Floats) -> Floats:
-    """(W, n) share of the residual of each vertical that the fitted direction of its group leaves.
+    """(W, n) share of the residual of each vertical that remains after the fit of the direction of its group.
 
     `own` is the result of `own_jacobian`.
     """

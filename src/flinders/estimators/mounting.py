@@ -97,7 +97,7 @@ class MountingFit:
         return self.improvement == 1.0
 
     def is_allowed(self, axes: Axes) -> bool:
-        """Whether a mapping fits about as well as the best one; a mirror image counts as its reverse, a rotation."""
+        """Whether a mapping fits about as well as the best one; a mirror image counts as its negative, a rotation."""
         turn = axes.opposite if axes.is_mirror else axes
         residuals = self.rotation_residuals
         return not residuals or residuals[AXIS_ROTATIONS.index(turn)] <= MIN_IMPROVEMENT * min(residuals)

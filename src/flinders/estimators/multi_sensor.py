@@ -133,7 +133,7 @@ class MultiSensorFit:
         return turned
 
     def estimate(self, sensor: int) -> Estimate:
-        """The ellipsoid of one sensor and its covariance as an `Estimate`, as of a method for one magnetometer."""
+        """The ellipsoid of one sensor and its covariance: an `Estimate`, as a method for one magnetometer gives."""
         at, nine = self.parameters[sensor], self.columns[sensor].start + np.arange(9)
         return Estimate(
             at.ellipsoid,

@@ -50,7 +50,7 @@ NO_RUN: Final = enum_value("NO_RUN")
 """Value of `dense` for outliers without runs: no window has so many readings."""
 
 _REACH_READINGS: Final = MARGIN_READINGS + WINDOW_READINGS // 2
-"""Count of readings on either side of a reading that determine whether it is left out."""
+"""Half the width, in readings, of the window that decides whether the reading at its centre is left out."""
 
 
 @dataclass(frozen=True, slots=True)

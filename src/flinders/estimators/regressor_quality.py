@@ -250,7 +250,7 @@ def _noise_in_window(window: int, values: Floats, residuals: Floats, sensitivity
 
 
 def pool_noise(noises: Sequence[Noise]) -> list[Noise]:
-    """Replace the noises of meters of one kind by their mean, if it is significant and they agree; else keep them.
+    """Noises of meters of one kind: their mean if it is significant and the noises agree, else unchanged.
 
     >>> [round(noise.variance, 2) for noise in pool_noise([Noise(0.9, 0.2), Noise(0.6, 0.2), Noise(1.1, 0.4)])]
     [0.79, 0.79, 0.79]

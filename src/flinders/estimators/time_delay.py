@@ -166,8 +166,8 @@ def solution_residuals(solved: DisturbanceSolution) -> Residuals:
 class ShiftedDepartures:
     """Smoothed values of disturbances minus their references, with a variable lag of one group of disturbances.
 
-    All disturbances are smoothed. Otherwise the fast changes of one could replace those that smoothing removes from
-    another.
+    All disturbances are smoothed. Otherwise the fast changes of one disturbance could replace the changes that
+    smoothing removes from another one.
     """
 
     def __init__(

@@ -189,7 +189,7 @@ ROWS: Final = (
             "An additional quantity for the calibration, such as the turning rate, is missing in nearly all readings. "
             "It was not used."
         ),
-        remedy="Check what is recorded beside the compass.",
+        remedy="Check that this quantity is logged.",
     ),
     CatalogueRow(
         code="swapped-axes",

@@ -155,7 +155,7 @@ def error_words(claimed: Claimed, language: Language = ENGLISH) -> str:
 
 
 def reach_words(limit_deg: float, language: Language = ENGLISH) -> tuple[str, str]:
-    """Words for attitudes within the target, and for the others; level attitudes only if the tilt is NaN."""
+    """Words for attitudes within the target, and for the others; if the tilt is NaN, for level attitudes only."""
     place = next((place for place, row in enumerate(REACHES) if limit_deg < row[0]), 0)
     _, reach, beyond = REACHES[place]
     name = REACH_NAMES[place]

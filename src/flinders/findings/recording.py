@@ -151,7 +151,7 @@ ROWS: Final = (
         grades="note; limits above a tenth of the rows",
         number="readings of 0, 0, 0, of −1, or of another word that a bus returns if its sensor does not answer",
         limit="a tenth of the rows",
-        action="check its supply and its bus, and read the sensor only when it has a new reading; they are left out",
+        action="check supply and bus, and read the sensor only when it has a new reading; such readings are left out",
         fleet_action="check the sensor's supply and bus",
         rule=Rule(
             "silent",

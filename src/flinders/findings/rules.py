@@ -113,7 +113,7 @@ def _more_severe(one: Severity, other: Severity | None) -> Severity:
 
 
 def limit_of(code: str, name: Severity | str = "limits") -> float:
-    """The factor of a limit in a rule: that of a severity, or that of a further quantity which the rule compares.
+    """Factor of a rule's limit, by severity or by a further quantity that the rule compares.
 
     >>> limit_of("coverage"), limit_of("heading-error", "refuses"), limit_of("field-changed", "drift_by_chance")
     (60.0, 5.0, 0.0001)

@@ -105,7 +105,7 @@ ROWS: Final = (
         code="turned-to",
         number="uncertainty of the rotation into the axes of the reference, degrees, 1 σ",
         limit="",
-        action="nothing; corrected readings of all are in those axes",
+        action="nothing; corrected readings of all sensors are in the axes of the reference",
         rule=Rule("is_turned", (Grade("note", 0.0),), number="rotation_sigma_deg", limit=Limit(0.0)),
         said=(
             "corrected readings are rotated into the axes of {reference}: mapped by {axes}, with a misalignment of "

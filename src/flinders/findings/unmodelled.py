@@ -163,9 +163,9 @@ ROWS: Final = (
             "causes it less often than once in ten thousand, and both halves of the recording show it"
         ),
         action=(
-            "nothing below the target, as the heading error allows for it; above, correct it (`linearize=True`, "
-            "`--linearize`) where the correction goes into C or Python code, or move the sensor away from magnets, so "
-            "that it works in the middle of its range"
+            "nothing within the target, as the heading error includes this fault; beyond the target, correct it "
+            "(`linearize=True`, `--linearize`) where the correction goes into C or Python code, or move the sensor "
+            "away from magnets, so that it works in the middle of its range"
         ),
         rule=Rule(
             "nonlinear_deg",
@@ -212,8 +212,8 @@ ROWS: Final = (
             "causes it less often than once in ten thousand, and both halves of the recording show it"
         ),
         action=(
-            "nothing below the target, as the heading error allows for it; above, read all axes at once (one burst, "
-            "block data update), or turn the sensor more slowly"
+            "nothing within the target, as the heading error includes this fault; beyond the target, read all axes at "
+            "once (one burst, block data update), or turn the sensor more slowly"
         ),
         rule=Rule(
             "lag_deg",

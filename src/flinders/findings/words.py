@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     Row = Sequence[Any]
 
 ANY_ANGLE_DEG: Final = 90.0
-"""Error of a direction in degrees, above which it is called any angle."""
+"""Smallest error of a direction, in degrees, that is called any angle."""
 
 UPSIDE_DOWN: Final = 180.0
 

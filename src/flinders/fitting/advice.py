@@ -57,7 +57,7 @@ def is_covered(fit: Fit) -> bool:
 
 
 def next_movement(fit: Fit) -> Step:
-    """Next turn: to the attitude where readings help most; through all directions if none helps by far the most."""
+    """Next turn: to the attitude of the most informative readings, or through all directions if several are similar."""
     if fit.claim.plane:
         return ("turn-level",)
     advice = next_guidance(fit)

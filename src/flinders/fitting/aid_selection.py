@@ -83,7 +83,7 @@ MAX_MISFIT_RATIO: Final = 1.02
 """Largest ratio of the residuals of left-out readings with a sensor to those without it."""
 
 MAX_AUTO_CLAIM_RATIO: Final = 0.95
-"""Largest ratio of the claimed heading error with a sensor to that without it, at which the sensor is used."""
+"""Largest claimed heading error at which a sensor is used, relative to the error claimed without the sensor."""
 
 MIN_ROTATION_CHI2: Final = 16.3
 """Smallest χ² of a significant rotation, with three degrees of freedom: chance exceeds it in 0.1 % of cases."""
@@ -246,7 +246,7 @@ class _Selection:
     def _take_rotation(self, trial: _AidTrial, report: AidingSensor, against: str) -> AidingSensor | None:
         """Use the rotation alone of a sensor that shows the vertical; None if its rotation is not used.
 
-        The rotation is used of the first such sensor that proves it, or that was requested and shows it.
+        The rotation is that of the first such sensor that was requested, or whose rotation is significant.
         """
         is_asked = not self.is_auto and trial.sees_mounting
         words = f"{against}; {ROTATION_ALONE}" if is_asked else trial.rotation_words(report)
@@ -282,7 +282,7 @@ def _contradiction(samples: Samples, aided: AidedFit, name: str) -> Mistake | No
 
 
 def _site_mistake(bent: AidedFit, without: Aiding, site: Site) -> Mistake | None:
-    """Mistake of a dip that is not that of the site, by the fits with and without the site; None if it agrees."""
+    """Mistake if the fitted dip contradicts the site's, from fits with and without the site; None if both agree."""
     if without.dip_deg is None:
         return wrong_dip_mistake(dip_of(bent), site) if is_at_another_site(bent, site) else None
     if not is_other_dip(without.dip_deg, site, without.dip_sigma_deg or 0.0):

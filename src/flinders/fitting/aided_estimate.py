@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from flinders.fitting.request import Request
 
 MIN_LEANING_RATIO: Final = 10.0
-"""Ratio of the heading error that an aided fit claims to that of a level turn, above which the body counts as level.
+"""Smallest heading error claimed by an aided fit of a level body, as a multiple of the error of a level turn.
 
 The ratio is up to 8 in drives of half a minute and more than 100 in level turns. If the body leans, the error of the
 fit as a level turn is up to 5 times its claim.
@@ -72,7 +72,7 @@ def aided_estimate(readings: Readings, request: Request) -> tuple[Estimate | Non
 
 
 def _level_turn(readings: Readings, request: Request) -> Estimate | None:
-    """Estimate of readings in one plane as a level turn; None if they are not one."""
+    """Estimate as a level turn, for readings in one plane; None for other readings."""
     try:
         estimate = request.likelihood.estimate(readings)
     except FitError:

@@ -37,10 +37,10 @@ AUTO: Final = "auto"
 """Request for every aiding sensor and disturbance that improves the calibration."""
 
 MAX_CLAIM_RATIO: Final = 1.05
-"""Largest ratio of the claimed heading error with aiding sensors to that without, at which the aided fit is used."""
+"""Largest claimed heading error at which an aided fit is used, relative to the claim without aiding sensors."""
 
 MAX_VERTICAL_CLAIM_RATIO: Final = 4.0
-"""Ratio of the claimed heading error with a vertical to that without, above which the vertical is wrong or leans."""
+"""Largest heading error claimed with a vertical, as a multiple of that without; beyond it, the vertical is wrong."""
 
 VERTICALS: Final = ("dip", "tilt")
 """Aiding sensors that show only the vertical; the rotation of the magnetometer against it can be used alone."""

@@ -239,7 +239,7 @@ def _surface(record: Records) -> Ellipsoid:
 
 
 def _limit(record: Records) -> float:
-    """Distance from the ellipsoid of a record beyond which readings are outliers."""
+    """Largest distance of an inlier from the ellipsoid of a record."""
     return float(record["rejected_beyond"]) if record["is_robust"] else np.inf
 
 

@@ -371,7 +371,7 @@ def judge_estimate(
     dip_assumed: bool = False,
     refreshed: Refreshed | None = None,
 ) -> Fit:
-    """Judge the estimate of another method, such as a joint fit of several magnetometers, as that of a recording.
+    """Judge the estimate of another method, such as a joint fit of several magnetometers, like a fit of a recording.
 
     Parameters
     ----------

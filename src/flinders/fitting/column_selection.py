@@ -101,7 +101,7 @@ def select_columns(
 
 
 def _scatter_ratio(parts: Sequence[Samples], names: tuple[str, ...], column: str, spread: float | None) -> float:
-    """Ratio of the scatter of the field's strength in left-out stretches with a column to that without it."""
+    """Scatter of the field's strength in left-out stretches with a column, as a multiple of that without it."""
     others = tuple(name for name in names if name != column)
     before, after = hold_out_residuals(parts, others, names, spread)
     return after / before

@@ -47,7 +47,7 @@ INTERVALS_PER_FOLD: Final = 4
 """Number of intervals of each fold; with several, fitted and left-out readings both include running motors."""
 
 MAX_SCATTER_RATIO: Final = 0.98
-"""Largest ratio of the scatter of left-out readings with an accepted disturbance to that without it."""
+"""Largest scatter of left-out readings with an accepted disturbance, relative to the scatter without it."""
 
 MAX_COLLINEARITY: Final = 0.95
 """Largest share of the information on a disturbance that the attitude may explain as well."""

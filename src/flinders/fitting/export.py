@@ -50,7 +50,7 @@ def export_fit(
     name: str | None = None,
     noise: bool = False,
 ) -> tuple[Export, list[str]]:
-    """Export a fit to a target; returns the export, and sentences on the compass for which it is.
+    """Export a fit to a target; returns the export, and sentences on the compass that it is meant for.
 
     Raises `NotExportable` or `UnitError` if the target cannot hold the fit; `UsageError` if the fit has readings of
     several compasses and `compass` is not given.
@@ -70,7 +70,7 @@ def export_fit(
     -------
     Export
     list of str
-        Sentences on the compass; empty if it is unknown, or the requested one.
+        Sentences on the compass; empty if the compass is unknown, or if it was requested.
     """
     if target.compasses:
         refuse_on_top(fit, target.name)

@@ -294,7 +294,7 @@ def judge_calibration(
     values: Mapping[str, Any] | None = None,
     **numbers: float,
 ) -> Iterator[Finding]:
-    """Judge a calibration without a recording; yields those of some findings that apply.
+    """Judge a calibration without a recording; yields the findings that apply, of some that are named.
 
     Parameters
     ----------
@@ -457,7 +457,7 @@ def column_findings(estimate: DisturbanceEstimate) -> Iterator[Finding]:
 
 
 def extrapolation_findings(correction: Calibration, beyond: Mapping[str, float]) -> Iterator[Finding]:
-    """Findings on disturbances whose values exceed their recorded range, by `Compensator.beyond`.
+    """Findings on disturbances outside their recorded range; `beyond` is from `Compensator.beyond`.
 
     Examples
     --------

@@ -63,7 +63,7 @@ class Widened(NamedTuple):
         return self._replace(estimate=replace(self.estimate, covariance=covariance))
 
     def with_shrinkage(self) -> Widened:
-        """A copy with the estimate of the record, which the engine shrank towards no correction."""
+        """A copy with the estimate that the engine has shrunk towards no correction."""
         ellipsoid = Ellipsoid(self.record["centre"].copy(), symmetric_matrix(self.record["shape"]))
         covariance = self.record["covariance"].reshape(9, 9).copy()
         return self._replace(estimate=replace(self.estimate, ellipsoid=ellipsoid, covariance=covariance, textbook=None))

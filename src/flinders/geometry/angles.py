@@ -43,7 +43,7 @@ def mean_deg(angles_deg: ArrayLike) -> float:
 
 
 def deflection_deg(share: float) -> float:
-    """Largest angle in degrees by which a vector of `share` times its length turns a vector that it is added to.
+    """Largest angle in degrees by which a vector turns if another of `share` times its length is added to it.
 
     It is asin(`share`), and 180° for a share of 1 or more.
 

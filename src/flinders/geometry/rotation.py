@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 MAX_HALF_TURN_TRACE: Final = -0.999
-"""Trace of a rotation R below which the axis is computed from the quaternion, because R − Rᵀ vanishes."""
+"""Largest trace of a rotation R whose axis is computed from the quaternion; R − Rᵀ is nearly zero there."""
 
 
 def make_contiguous(array: Floats, axes: int = 1) -> Floats:

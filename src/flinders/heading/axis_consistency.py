@@ -54,7 +54,7 @@ MIN_SCATTER_RATIO: Final = 3.0
 """Smallest factor by which the right axes must reduce the scatter."""
 
 MAX_TIED_RATIO: Final = 1.5
-"""Largest ratio of the scatter with some axes to that with the best axes, if they cannot be distinguished."""
+"""Largest scatter with axes that cannot be distinguished from the best axes, relative to the scatter with the best."""
 
 MIN_SIGNED_SINE: Final = 0.2
 """Smallest |sin I| at which its sign is used."""

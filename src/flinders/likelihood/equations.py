@@ -41,7 +41,7 @@ class NormalEquations:
         )
 
     def place_block(self, columns: slice, size: int) -> Self:
-        """Equations of `size` parameters in which these equations are those of the parameters `columns`."""
+        """Equations of `size` parameters, with these equations at the places `columns` and zeros elsewhere."""
         matrix, gradient = np.zeros((size, size)), np.zeros(size)
         matrix[columns, columns], gradient[columns] = self.matrix, self.gradient
         return type(self)(matrix, gradient, self.cost, self.count)

@@ -1,11 +1,11 @@
 """Known field of the site: its strength and inclination.
 
 A strength or inclination without an uncertainty is not used in the fit. The strength then only sets the length of
-corrected readings, the inclination the dip at which headings are judged. With an uncertainty it is also an observation
-in the fit. The strength F then determines the size of the ellipsoid: the mean of the three semi-axes is F with the
-relative standard deviation `gain_sigma`, the uncertainty of the sensor's gain. The inclination agrees with that of the
-geomagnetic model to within about a degree; nearby iron and rock contribute more than the error of the model. `Site.of`
-takes strength and inclination from the model, with usual uncertainties.
+corrected readings, and headings are judged at the inclination. With an uncertainty, strength or inclination is also an
+observation in the fit. The strength F then determines the size of the ellipsoid: the mean of the three semi-axes is F
+with the relative standard deviation `gain_sigma`, the uncertainty of the sensor's gain. The inclination agrees with
+that of the geomagnetic model to within about a degree; nearby iron and rock contribute more than the error of the
+model. `Site.of` takes strength and inclination from the model, with usual uncertainties.
 
 When to use it: if the recording is in a physical unit, and the sensor could not be turned upside down. The readings
 alone then do not distinguish the size of the ellipsoid from its offset along the axis of the turn.

@@ -94,7 +94,7 @@ def _make_form(dialect: Dialect, layout: TextLayout, lines: list[str], *, is_cle
 
 
 def _default_names(layout: TextLayout, width: int, *, is_told: bool) -> tuple[str, ...]:
-    """Names for unnamed columns; with `is_told`, words in each row tell those of the magnetometer and of the time."""
+    """Names for unnamed columns; with `is_told`, words in each row name the columns of magnetometer and time."""
     columns = layout.columns
     known = dict(zip(columns.field.cells, PLAIN_NAMES, strict=True)) if is_told else {}
     known |= {columns.time.cells[0]: "time"} if is_told and columns.time else {}

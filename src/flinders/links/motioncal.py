@@ -215,7 +215,7 @@ class _EchoListener:
         )
 
     def _values_complaint(self, name: str, wrong: str) -> str:
-        """Sentence about an echo with other values, with a remedy; an earlier echo shows whether they are the old."""
+        """Sentence with a remedy for an echo with other values; an earlier echo shows whether they are outdated."""
         if name not in self.echoes:
             return (
                 f"the board printed {wrong} before, and no such line since: {UNKNOWN_VALUES}; look at its output with "

@@ -42,7 +42,7 @@ RECEIVE_BUFFER_BYTES: Final = 8 << 20
 """Size in bytes of the receive buffer to request, for times when this program is busy; the system may grant less."""
 SO_RCVBUFFORCE: Final = 33
 SO_RXQ_OVFL: Final = 40
-"""Options of Linux: a larger buffer for the administrator; a count of dropped datagrams in each one (socket(7))."""
+"""Options of Linux: a larger buffer for the administrator; the count of dropped datagrams with each one (socket(7))."""
 NO_WAIT_FLAG: Final = getattr(socket, "MSG_DONTWAIT", 0)
 """Flag that receives a datagram without waiting; 0 on systems that do not have it."""
 COUNT_FORMAT: Final = struct.Struct("=I")

@@ -115,7 +115,7 @@ class Faults(Library):
         centre, shape : (3,), (3, 3) array-like
             Centre and shape of the ellipsoid.
         limit : float
-            Distance from the ellipsoid beyond which readings are left out.
+            Largest distance of a used reading from the ellipsoid.
         """
         readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
         regression, (workspace, size) = empty_row(DISTURBANCE), self._workspace(len(readings))

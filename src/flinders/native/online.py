@@ -67,7 +67,7 @@ class Online(Library):
         return claim
 
     def online_good_s(self, online: Records) -> float:
-        """Time in s for which the claim meets the target; NaN if it does not now, infinite beyond ten years."""
+        """Time in s for which the claim meets the target; NaN if it is too large now, infinite beyond ten years."""
         return float(self._library.flinders_online_good_s(online))
 
     def online_activate_latest(self, online: Records) -> None:

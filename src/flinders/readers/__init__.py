@@ -366,7 +366,7 @@ def _open_source(source: AnySource, options: _Options, *, once: bool) -> FileRec
     for option in ("pattern", "topic", "as_logged"):
         if getattr(options, option):
             raise UsageError(
-                "a table in memory has named columns and nothing else: leave this out", hint={option: None}
+                "a table in memory has named columns and nothing else: leave this option out", hint={option: None}
             )
     recording = open_frame(source, **{name: getattr(options, name) for name in TABLE_OPTIONS})
     recording.span = options.span
@@ -424,7 +424,7 @@ def _table_of(file: Source, reader: Reader, options: _Options) -> TextRecording 
     """Open the columns of one magnetometer in a table; if there are several, of the selected one."""
     if options.as_logged:
         raise UsageError(
-            f"{file.name} does not record which corrections were applied: leave this out",
+            f"{file.name} does not record which corrections were applied: leave this option out",
             hint={"as_logged": None},
         )
     of_table: dict[str, Any] = {name: getattr(options, name) for name in TABLE_OPTIONS}
@@ -469,7 +469,7 @@ def _log_of(file: Source, reader: Reader, options: _Options) -> Log:
     for option in ("columns", "pattern", *(() if reader.takes_unit else ("unit",)), "scale"):
         if getattr(options, option) is not None:
             raise UsageError(
-                f"{file.name} is a log ({reader.title}), whose columns and units are known: leave this out",
+                f"{file.name} is a log ({reader.title}), whose columns and units are known: leave this option out",
                 hint={option: None},
             )
     disk = on_disk(file)

@@ -166,7 +166,7 @@ def similar_names(sensors: Sequence[Vector], fields: Sequence[Vector]) -> tuple[
 
 
 def companion(sensors: Sequence[Vector], field: Vector, fields: Sequence[Vector]) -> Vector | None:
-    """Accelerometer or gyro of a magnetometer: the best with the same number, or else with no other's number.
+    """Accelerometer or gyro of a magnetometer: the best with its number, else without another magnetometer's number.
 
     If there is only one magnetometer, it has all of them. Derived columns, such as ``acc_ned_x``, are not selected.
     """

@@ -124,9 +124,10 @@ def groups(values: Floats, free: Iterable[int], names: Sequence[str] = ()) -> li
 
 
 def _judge_together(values: Floats, threes: Sequence[tuple[int, ...]]) -> list[tuple[tuple[int, ...], ColumnGroup]]:
-    """Judge groups of three against each other: if one may be a magnetometer, others are clearly none.
+    """Judge groups of three columns against each other.
 
-    These are groups that did not turn with it, gravity with a bias, and groups that are much less round.
+    If one group may be a magnetometer, some others are excluded: groups that did not turn with it, gravity with a
+    bias, and groups that are much less round.
     """
     judged = [(cells, _judge(values[:, cells])) for cells in threes]
     able = {cells: _fit(values[:, cells]) for cells, group in judged if group.is_candidate}

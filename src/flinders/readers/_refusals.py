@@ -55,7 +55,7 @@ MIN_CHANGE_SHARE: Final = 0.2  # Smallest share of rows at which such a code cha
 MIN_LINES_OF_CODE: Final = 10  # Smallest number of lines with a code for its lengths to be compared
 MIN_RATIO_TO_GRAVITY: Final = 2.0
 MIN_RATIO: Final = 5.0
-"""Smallest ratios of median vector lengths by which two sensors are told apart: if one is gravity, and otherwise."""
+"""Smallest ratios of median vector lengths that distinguish two sensors: if one measures gravity, and otherwise."""
 MAX_RANGES: Final = 16  # Columns whose ranges are listed
 _GROUPED_NUMBER: Final = re.compile(r"[-+\u2212]?[1-9]\d{0,2}[.,]\d{3}")  # thousands, or a number with three decimals
 MATRIX: Final = re.compile(r"# (?:name: (?P<name>.+)|columns: (?P<columns>\d+)\s*$)")  # in text of Octave

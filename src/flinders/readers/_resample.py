@@ -79,8 +79,8 @@ class TimeSeries:
         """(N, k) mean from each of (N,) times to the next; the value by `at` where no measurement is in between.
 
         The mean rate of a gyro gives the rotation of the body up to the next reading. A gyro that is sampled faster
-        than the compass needs this mean: with single values, half as much error again is left in the flight of the
-        archive.
+        than the compass needs this mean: with single values, the remaining error in the flight of the archive is
+        half as large again.
 
         >>> shaken = TimeSeries.of(np.arange(9.0) / 4, np.array([[0, 4, 0, 4, 0, 4, 0, 4, 0]]).T)
         >>> shaken.at(np.array([0.0, 1.0, 2.0])).ravel(), shaken.mean_until_next(np.array([0.0, 1.0, 2.0])).ravel()

@@ -34,7 +34,7 @@ OTHER: Final = "other"  # lines that do not belong to the dialect
 
 
 class Tally:
-    """Counts of the lines that could be read and that could not, by which a mostly unreadable file is refused."""
+    """Counts of readable and of unreadable lines, to refuse a file that is mostly unreadable."""
 
     def __init__(self) -> None:
         self.rows = self.usable = 0

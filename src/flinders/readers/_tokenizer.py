@@ -263,7 +263,7 @@ def _number_runs(labels: Sequence[str]) -> Iterator[tuple[int, int]]:
 
 
 def _axes(label: str, count: int, sensor: str) -> tuple[list[str], str]:
-    """Names of the numbers after one label, and the sensor to which following labels belong that are only an axis."""
+    """Names of the numbers after one label, and the sensor of the labels that follow if they are only an axis."""
     bare = _XYZ.sub("", label).strip(_EDGE)
     if count == 3 and (label or sensor):
         named = bare if QUANTITY.search(bare) else _meaningful_words(bare, " x") if bare else ""

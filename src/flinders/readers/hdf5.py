@@ -423,7 +423,7 @@ def _numbers_in(dtype: np.dtype[Any], fields: tuple[str, ...] = ()) -> Iterator[
 
 
 def _length_of(arrays: Sequence[_Array]) -> int:
-    """Number of readings of the table: of the magnetometer with most columns, else the one that most columns have."""
+    """Number of rows of the table: the most common length of columns, if possible one with a magnetometer."""
     columns: Counter[int] = Counter()
     for array in arrays:
         columns[array.length] += array.width

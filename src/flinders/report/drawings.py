@@ -51,7 +51,7 @@ PARAMETERS: Final = (
 """Names of the nine parameters, in order."""
 
 EARLY_DIVISOR: Final = 2
-"""Divisor of the steps: the first 1 / `EARLY_DIVISOR` of them do not affect the scale of a plot, as they exceed it."""
+"""Divisor of the steps: the first 1 / `EARLY_DIVISOR` of them may lie outside the scale of a plot."""
 
 MAX_TICK_SHARE: Final = 0.75
 """Share of all readings above which a number on the axis would overlap the last one."""

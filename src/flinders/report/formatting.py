@@ -207,7 +207,7 @@ def uncorrected_error_words(fit: Fit) -> str:
 
 
 def shown_findings(fit: Fit) -> list[Finding]:
-    """Findings that a page shows: first causes; for a refused fit, of the notes only those on the recording."""
+    """Findings that a page shows: first causes; for a refused fit, without notes that are not about the recording."""
     causes = first_causes(fit.findings)
     if fit.verdict != "refused":
         return list(causes)

@@ -37,7 +37,7 @@ AIDS: Final = {"dip": "accelerometer", "rate": "gyro"}
 """Words for aiding sensors, by name."""
 
 SMALL_TILT_DEG: Final = 1.0
-"""Tilt in degrees: if headings are within the target only below it, they count as good for a level body only."""
+"""Smallest tilt limit in degrees that is printed; with a smaller limit, headings are good for a level body only."""
 
 HIGH_RATIO: Final = 1.5
 """Ratio of the high claim to the expected claim from which the high claim is mentioned."""

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 MAX_REPEATED_SHARE: Final = 0.02
 """Share of repeated readings above which a remark is made."""
 MAX_STRENGTH_DEVIATION: Final = 0.25
-"""Relative deviation of a measured field strength from that of the site above which a remark on iron is made."""
+"""Largest relative deviation of the measured field strength from the site's without a remark on iron."""
 TITLE_WIDTH: Final = 11
 MAX_CHIPS: Final = 6
 """Largest number of chip names in a line; ``--json`` has all."""

@@ -134,7 +134,7 @@ WEIGHTS: Final = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80
 """Value of each dot in the code of a Braille character, by row and column of the dots."""
 
 LETTERS: Final = {False: "█░▒·", True: "#+:."}
-"""Marks of a direction: within the target with and without readings, then above it; by whether ASCII is needed."""
+"""Marks of errors within and above the target, each with and without readings; by whether ASCII is needed."""
 
 REQUIRED_LETTERS: Final = f"⣿{LETTERS[False]}"
 """Characters that a terminal must have, or else it gets ASCII."""

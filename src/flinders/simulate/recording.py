@@ -238,7 +238,7 @@ def _course_of(motion: str | Motion, n: int | None, rate_hz: float, dip_deg: flo
     usual = UNTIMED_READINGS if kind.seconds is None else round(kind.seconds * rate_hz)
     if tilt_deg is not None and kind.tilt_deg is None:
         limited = [name for name, other in MOTIONS.items() if other.tilt_deg is not None]
-        raise UsageError(f"tilt goes with the motions {', '.join(limited)}: leave it out for {motion}")
+        raise UsageError(f"tilt applies only to the motions {', '.join(limited)}: leave it out for {motion}")
     if tilt_deg is not None and not 0.0 <= tilt_deg <= 90.0:
         raise UsageError(f"tilt is {tilt_deg:g}°: need 0° to 90°")
     if not -90.0 <= dip_deg <= 90.0:

@@ -1,1 +1,1 @@
-"""Statistics of readings that add: those of the parts of a recording merge to those of the whole."""
+"""Statistics of readings; the statistics of the parts of a recording add up to those of the whole."""

@@ -31,7 +31,7 @@ MIN_EIGENVALUE_SHARE: Final = 1e-13
 """Smallest relative eigenvalue of a correlation matrix; below it a combination of parameters counts as fixed."""
 
 MIN_SIGMA_SHARE: Final = 1e-12
-"""Standard deviation of a parameter, relative to the largest, below which it is fixed: rounding leaves about 1e-16."""
+"""Smallest standard deviation of a free parameter, relative to the largest; rounding leaves about 1e-16."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -90,7 +90,7 @@ class Difference:
         )
 
     def refuse_coarse(self, calibration: Calibration, *, lossy: bool) -> None:
-        """Refuse rounding errors above sin 1° of the field strength; with `lossy`, those of the strength and above.
+        """Refuse rounding errors above sin 1° of the field strength; with `lossy`, only those above the strength.
 
         Raises `NotExportable`.
         """

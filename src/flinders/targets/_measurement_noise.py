@@ -138,7 +138,7 @@ class YawFilter:
         return math.degrees(math.sqrt(variance[0]))
 
     def _settle(self, sigma: float) -> tuple[Floats, Floats]:
-        """Kalman gain for a heading, and variance before it, of the settled filter.
+        """Kalman gain of the settled filter for a heading, and variance before the heading is used.
 
         The variance is the solution of the algebraic Riccati equation by the doubling algorithm: E. K.-W. Chu, H.-Y.
         Fan, W.-W. Lin, Linear Algebra and its Applications 396 (2005) 55.

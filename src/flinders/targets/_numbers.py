@@ -144,7 +144,7 @@ def in_recorded_axes(calibration: Calibration) -> tuple[Floats, Floats]:
 
 
 def in_vehicle_axes(calibration: Calibration) -> Calibration:
-    """Calibration whose recorded axes are those of the vehicle, as they are already or after mapping.
+    """Calibration for readings in the axes of the vehicle, whether or not they were recorded in these axes.
 
     >>> mapped = Calibration(np.eye(3), [1, 2, 3], 50.0, axes=Axes.of("x,-y,-z"))
     >>> in_recorded_axes(in_vehicle_axes(mapped))[1]

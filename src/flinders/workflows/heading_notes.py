@@ -28,10 +28,10 @@ if TYPE_CHECKING:
     from flinders.heading.error_propagation import HeadingError
 
 MAX_DIP_DIFFERENCE_DEG: Final = 3.0
-"""Largest difference in degrees between the measured dip and that of the model that causes no note."""
+"""Largest difference of the measured dip from the model's without a note, in degrees."""
 
 MAX_ACCELERATED_SHARE: Final = 0.05
-"""Largest share of readings with an acceleration other than gravity that causes no note."""
+"""Largest share of readings during acceleration without a note."""
 
 MIN_VERTICAL_SHARE: Final = 0.2
 """Smallest vertical share of the field for which the sign of z shows whether z points up."""

@@ -136,8 +136,8 @@ def _refuse_unknown(recording: Recording) -> NoReturn:
         raise NoOnboardCalibration(f"{recording.source} were made with different calibrations on board: give one log")
     if stored and stored[0].applied and getattr(parts[0], "as_logged", False):
         raise NoOnboardCalibration(
-            f"the logged readings of {name} in {recording.source} are already corrected by {stored[0].words}: read the "
-            "log without the option for readings as logged",
+            f"{recording.source} was read with the option for readings as logged, and {stored[0].words} is in the "
+            f"readings of {name}: read the log without this option",
             hint={"as_logged": None},
         )
     is_vehicle = getattr(parts[0], "autopilot", None) is not None

@@ -354,7 +354,7 @@ def _candidates(body: Body, tilt_deg: float, seconds: float | None, times: int) 
 
 
 def _circles(body: Body, sequence: tuple[PoseTurn, ...], seconds: float) -> tuple[PoseTurn, ...]:
-    """The sequence of attitudes with as many circles in each as fit into a duration at the usual rate."""
+    """The sequence with several circles in each attitude: the largest number that a duration allows."""
     times = max([1, *(each for each in REPEATS if body.seconds(sequence) * each <= seconds)])
     return tuple(turn for turn in sequence for _ in range(times))
 

@@ -176,7 +176,7 @@ def file_of(recording: Recording) -> File | None:
 
 
 def with_left_out(error: TooFewSamples, parts: Iterable[Recording]) -> TooFewSamples:
-    """The error with the rows that were left out of the recordings, which may be its reason."""
+    """The error with the rows that were left out of the recordings; these rows may be the reason."""
     skipped = [entry for part in parts for entry in getattr(part, "skipped", ()) if entry.is_loss]
     return TooFewSamples(
         found=error.found, needed=error.needed, method=error.method, among=error.among, skipped=skipped, how=error.how

@@ -43,7 +43,7 @@ MAX_STRENGTH_RATIO: Final = 1.3
 """Largest factor between the mean length of corrected readings and the calibration's field strength."""
 
 MAX_SPREAD: Final = 0.1
-"""Largest relative spread of lengths, and its limit for a calibration that states no uncertainty."""
+"""Largest limit of the relative spread of lengths; it applies to a calibration without a stated uncertainty."""
 
 MAX_SPREAD_RATIO: Final = 3.0
 """Largest ratio of the measured spread of lengths to the spread that noise and claim explain.

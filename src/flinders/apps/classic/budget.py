@@ -232,7 +232,7 @@ class Pair:
 
 @dataclass(frozen=True, slots=True)
 class Magnet:
-    """A magnet as a dipole: B = µ₀ m/(2π r³) on its axis, half of that beside it.
+    """A magnet as a dipole: B = µ₀ m/(2π r³) on its axis, half of that at its side.
 
     The axis is the worst direction. Within three times its size a magnet is no dipole.
     """

@@ -28,7 +28,7 @@ RESULT_UNITS: Final[Mapping[Kind, tuple[str, ...]]] = {
     "moment": ("Am2", "mAm2", "uAm2"),
     "angle": ("deg",),
 }
-"""Units of a result if no unit was typed; the first one is used that gives a number from 0.1 to 1000."""
+"""Units of a result if no unit was typed; the first one that gives a number from 0.1 to 1000 is used."""
 
 SIGNS: Final = {
     "cm3": "cm³", "mm3": "mm³", "m3": "m³", "uT": "µT", "deg": "°", "um": "µm", "uA": "µA", "Am2": "A·m²",

@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from flinders.geometry.plane import PlaneEllipse, Turn
 
 NEGLIGIBLE_SHARE: Final = 0.1
-"""Heading error of the mean, as a share of the target, below which no remark is made."""
+"""Largest heading error of the mean without a remark, as a share of the target."""
 
 
 def of_turn(

@@ -155,7 +155,7 @@ class TurnReadings:
         return TwoAxisFit(fit, self.turn, compose(previous, fit), notes)
 
     def _fit_arguments(self, target_deg: float, site: Site | None, sensor: str | None) -> dict[str, Any]:
-        """Arguments of a fit; of a log with several magnetometers, the stored name is that of the selected one."""
+        """Arguments of a fit; for a log with several magnetometers, with the name of the selected one."""
         read = self.recording.recording if isinstance(self.recording, RecordingWrapper) else self.recording
         name = read.name if isinstance(read, Instrument) else sensor
         return {"target_deg": target_deg, "site": site, "sensor": name}

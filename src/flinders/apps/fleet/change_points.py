@@ -87,8 +87,8 @@ class Variance:
 def estimate_variance(changes: Floats, claimed: Floats, seconds: Floats) -> Variance:
     """Estimate variance factor and random walk from n pairs of recordings.
 
-    `changes` (n, 3) of the offset are fractions of the field, `claimed` (n, 3, 3) are P + P′ in its square. Pairs with
-    a time of NaN are left out; without dates a time is a number of recordings.
+    `changes` (n, 3) of the offset are fractions of the field, and `claimed` (n, 3, 3) are the covariances P + P′ of
+    these fractions. Pairs with a time of NaN are left out. Without dates, `seconds` are numbers of recordings.
     """
     known = np.isfinite(seconds) & np.isfinite(changes).all(axis=1)
     if np.count_nonzero(known) < MIN_PAIRS:
@@ -186,7 +186,7 @@ MAX_SIDE_RECORDINGS: Final = 6
 OWN_DRIFT_SIGNIFICANCE: Final = 0.05
 """Significance at which the other intervals show that a unit drifts faster than its fleet."""
 INTERVAL_FREEDOM: Final = 2
-"""Degrees of freedom of each interval in the estimate of a unit's own drift, the lower median over intervals."""
+"""Degrees of freedom of each interval in a unit's own drift, which is the lower median over its intervals."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

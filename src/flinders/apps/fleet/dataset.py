@@ -294,7 +294,7 @@ def _first_rows(file: TableFile, names: list[str]) -> Iterator[Any]:
 
 
 def _runs(batch: Any, keys: KeyColumns, names: Interner) -> Runs:  # noqa: ANN401
-    """Recording of each row of a batch, as run lengths; `names` numbers the recordings, and gets their batches."""
+    """Recording of each row of a batch, as run lengths; `names` gives each recording a number, and stores its batch."""
     every = (keys.unit, keys.recording, keys.batch)
     coded = [_dictionary(batch, key.column) if key.column else ([key.value], None) for key in every]
     return runs_of(coded, batch.num_rows, names)
@@ -347,7 +347,7 @@ class Runs:
 
 
 class Interner:
-    """Numbers recordings in the order of their first use, and stores the hardware batches of their units.
+    """Numbering of recordings in the order of their first use, with the hardware batches of their units.
 
     >>> names = Interner()
     >>> names.number(("A17", "monday")), names.number(("A17", "friday"), "lot 7"), names.number(("A17", "monday"))

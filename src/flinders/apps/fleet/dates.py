@@ -1,7 +1,7 @@
 """Dates of recordings, by their clocks or in their names, and the order of the recordings of a unit.
 
-A recording has a date if its clock counts from 1970. A clock that counts from power-on does not order recordings. Then
-all recordings of the unit need an ISO 8601 date in their names, or none of them has one and they are ordered by name.
+A recording has a date if its clock counts from 1970. A clock that counts from power-on does not order recordings:
+they are ordered by ISO 8601 dates in their names if all recordings of the unit have one, or by name if none has one.
 
 >>> date_of("V101/2026-01-10T12-30-05.csv") - date_of("20260110.ulg")
 45005.0

@@ -171,7 +171,7 @@ class _Survey:
 
 
 def _variances(survey: _Survey) -> tuple[Variance, Variance]:
-    """Variance of recordings with dates and of those without; if one has too few pairs, it gets the other's factor."""
+    """Variances of recordings with and without dates; if one has too few pairs, the other's factor is taken."""
     dated, undated = survey.dated.variance(), survey.undated.variance()
     if undated.pairs < MIN_PAIRS <= dated.pairs:
         typical = survey.dated.typical_time()

@@ -291,7 +291,7 @@ def _split(table: Any, limit: str | None) -> tuple[Any, Any]:  # noqa: ANN401
 
 
 def _has_common_unit(line: NDArray[np.intp], field: NDArray[np.object_]) -> NDArray[np.bool_]:
-    """(n,) whether rows are in the same unit of field as the first row of their unit."""
+    """(n,) whether a row's readings are in µT or in counts as in the first row of the same device."""
     if not len(line):
         return np.zeros(0, dtype=bool)
     first = np.searchsorted(line, line)
@@ -304,7 +304,7 @@ def _has_common_unit(line: NDArray[np.intp], field: NDArray[np.object_]) -> NDAr
 BATCH_COLUMN: Final = "batch"
 """Default column of the hardware batch, unless it is empty."""
 PREFIX: Final = re.compile(r"^(.+)[-_:/.][^-_:/.]+$")
-"""Pattern of all but the last part of a unit's name, which is the hardware batch if there is no column for it."""
+"""Pattern of a hardware batch in a unit's name, if no column has the batch: all but the last part of the name."""
 MAX_BATCHES: Final = 2_000
 """Largest number of hardware batches; with more, none is assumed."""
 
@@ -331,7 +331,7 @@ class BatchRule:
         return "the name of the unit" if self.is_guess else f"{self.pattern.pattern!r} in the name"
 
     def of(self, table: Any) -> list[str]:  # noqa: ANN401 - pyarrow ships no types
-        """Batch of the unit of each row, empty if unknown; of several batches of a unit the first by name.
+        """Batch of each row's unit, empty if unknown; if a unit has several batches, the first by name.
 
         The table has all rows of its units.
         """

@@ -59,9 +59,9 @@ MAX_SLICES: Final = 64
 MIN_PARTITIONS: Final = 64
 """Number of partitions to aim for in a small job, so that all workers have work."""
 SHORT_ROWS: Final = 100_000
-"""Smallest number of rows of a partition of tables, which take a worker 0.1 s, if there are `FEW_PARTITIONS`."""
+"""Smallest number of rows of a partition of tables if there are `FEW_PARTITIONS`: a worker takes 0.1 s."""
 SHORT_BYTES: Final = 1 << 18
-"""Smallest number of bytes of a partition of logs, which take a worker 0.1 s, if there are `FEW_PARTITIONS`."""
+"""Smallest number of bytes of a partition of logs if there are `FEW_PARTITIONS`: a worker takes 0.1 s."""
 FEW_PARTITIONS: Final = 16
 """Number of partitions that is made even if each then takes less than 0.1 s."""
 LOG_BYTES: Final = 1 << 24
@@ -163,7 +163,7 @@ def plan_of(where: str, options: Options, *, earlier: ReadFiles | None = None, b
     """List the input, and split the files to read into partitions.
 
     Raises UnreadableInput if nothing can be read, and UsageError if no file has the columns that the options name, or
-    if none of the files is there that the table to extend was made from.
+    if all files that the table to extend was made from are missing.
 
     Parameters
     ----------
@@ -215,7 +215,7 @@ def plan_of(where: str, options: Options, *, earlier: ReadFiles | None = None, b
 
 
 def _refuse_other_input(where: str, earlier: ReadFiles, files: Sequence[StoredFile]) -> None:
-    """Refuse to extend a table from an input without any of the files that it was made from."""
+    """Refuse to extend a table if the input has none of the files that the table was made from."""
     if not any(file.name in earlier.files for file in files) and (known := earlier.recordings):
         raise UsageError(
             f"{where}: the input has none of the {count_text(len(known), 'file')} of the table, such as {min(known)}: "
@@ -265,7 +265,7 @@ def _refuse_batch(where: str, tables: Sequence[_TableSlice], logs: Sequence[File
     if not any(part.error or options.batch_column in values_in_path(part.file.name) for part in slices):
         raise UsageError(
             f"{where}: no file has a column {options.batch_column} or lies in a folder {options.batch_column}=…: name "
-            "another column, or leave that out",
+            "another column, or leave the option out",
             hint={"batch_column": None},
         )
 

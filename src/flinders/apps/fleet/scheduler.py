@@ -34,7 +34,7 @@ Unit = TypeVar("Unit")
 Result = TypeVar("Result")
 
 MAX_ATTEMPTS: Final = 3
-"""Largest number of workers that may die of one unit of work, as in Dask."""
+"""Largest number of workers that may die of one task, as in Dask."""
 NO_WORKER_STARTED: Final = (
     f"{MAX_ATTEMPTS} worker processes ended before they began: put the calls of a script below "
     '`if __name__ == "__main__":`, free memory for workers, or use 0 workers to do all work in this process'
@@ -109,7 +109,7 @@ def reach(scheduler: str) -> None:
 
 
 class _Worker:
-    """Executor of one process: a pool of several would not report which unit a process that died was working on."""
+    """Executor of one process: a pool of several processes would not report the task of a process that died."""
 
     def __init__(self) -> None:
         """Start the process."""

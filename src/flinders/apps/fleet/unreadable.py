@@ -185,7 +185,7 @@ class Unreadable:
     def recordings(self, read: Iterable[Pair]) -> set[Pair]:
         """Recordings with unreadable rows.
 
-        If only the footer names a unit, its recordings are not known: then those of them that were `read` count.
+        If only the footer names a unit, its recordings are not known; its recordings that were `read` are then taken.
         """
         recordings = {pair for each in self.all for pair in each.counts if pair[0]}
         ends = {unit for each in self.all for unit in each.ends}

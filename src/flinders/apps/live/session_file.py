@@ -101,7 +101,7 @@ class Log(NamedTuple):
         return "vehicle" if self.frame == "vehicle" or not self.axes.is_identity else "sensor"
 
     def site_known(self, site: Site | None) -> Site | None:
-        """Site without the quantities that these readings cannot be compared with: without a strength for counts."""
+        """Site for a comparison with these readings: without its field strength if they are in counts."""
         return site if site is None or self.unit.inside == MICROTESLA else replace(site, strength=None)
 
 

@@ -149,7 +149,7 @@ class Deviation:
         return eight_points(self.observed_deg[np.argsort(places)])
 
     def widen(self, covariance: ArrayLike) -> Deviation:
-        """Curve with the covariance of a common error of all headings added: (5, 5) degrees² of A to E.
+        """Add the covariance of an error that all headings share: (5, 5) degrees² of A to E.
 
         Residuals do not contain a common error, such as that of the compass base, which is an error of A. A curve
         without a known uncertainty stays as it is.

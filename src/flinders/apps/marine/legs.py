@@ -198,7 +198,7 @@ def _refuse_few(legs: int, steady: int, *, is_course: bool, least_s: float, slow
         return
     speed = f" at {slowest:g} m/s or more" if is_course else ""
     raise FitError(
-        f"found {count_text(legs, 'straight leg')} of {least_s:g} s{speed} (among {steady} on one heading); five "
+        f"found {count_text(steady, 'straight leg')} of {least_s:g} s, of which {legs} have a reference{speed}; five "
         f"coefficients need {MIN_HEADINGS}: steer eight headings, each 45° from the last, for half a minute each",
         found=legs,
         needed=MIN_HEADINGS,

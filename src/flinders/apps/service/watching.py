@@ -209,7 +209,7 @@ class Watch:
 
     @property
     def failure(self) -> OutputError | None:
-        """Error because of which the state or the calibration is not on the disk; None if both are."""
+        """Error of writing the state or the calibration; None if both are on the disk."""
         return self._state.failure or self._calibration.failure
 
     def report(

@@ -124,7 +124,7 @@ def _of_json(name: str, text: str, turned: tuple[Axes, Axes], pointing: Pointing
 
 
 def _of_topodroid(name: str, text: str, turned: tuple[Axes, Axes], pointing: Pointing) -> Shots:
-    """Shots from lines of TopoDroid, without deleted ones; if there are groups, also without shots of no group."""
+    """Shots from lines of TopoDroid, without deleted ones; if there are groups, shots without a group are left out."""
     lines = [(at, line) for at, line in enumerate(text.splitlines(), 1) if _is_shot(line)]
     rows = np.array([_numbers(name, at, line) for at, line in lines])
     if not len(rows):

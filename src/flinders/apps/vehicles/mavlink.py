@@ -286,7 +286,7 @@ def _is_armed(heartbeat: Any) -> bool:  # noqa: ANN401
 
 
 def _note(heartbeats: dict[int, Any], message: Any) -> None:  # noqa: ANN401
-    """Store the heartbeat of an autopilot by system; prefer the autopilot's component to other components."""
+    """Store an autopilot's heartbeat under its system id; one from the component `AUTOPILOT` replaces any other."""
     if message.get_type() != "HEARTBEAT" or message.autopilot == NO_AUTOPILOT or message.type == GROUND_STATION:
         return
     before = heartbeats.get(message.get_srcSystem(), message)

@@ -118,7 +118,7 @@ class Labelled(Dialect):
         self._cells = [""] * len(self.names)
 
     def row(self, line: str) -> Sequence[str] | None:
-        """Store the numbers of a line by its kind; the cells of a reading if the line completes one."""
+        """Store the numbers of a line by its kind; if the line completes a reading, return the cells of the reading."""
         if self._quick and not self._heading.label and (match := self._quick.fullmatch(line)):
             return match.groups()
         line = self._heading.add_label(line) if self.has_headings else line
@@ -258,7 +258,7 @@ def _is_counter(values: Floats) -> bool:
 
 
 def _magnetometer(kinds: Sequence[Kind], counts: Counter[Kind]) -> Kind | None:
-    """The kind that names a magnetometer: the rawest, then one that states its unit, then the most frequent one."""
+    """The kind of the magnetometer: raw readings come first, then those with a unit, then the most frequent kind."""
     sensors = {kind: fields for kind in kinds if (fields := magnetometers(kind))}
     often = [kind for kind in sensors if counts[kind] >= MIN_KIND_SHARE * max(counts[other] for other in sensors)]
 
@@ -280,7 +280,7 @@ def _is_read_with(kind: Kind, closing: Kind) -> bool:
 
 
 def _line_by_line(closing: Kind, counts: Counter[Kind], printed: Sequence[_Printed]) -> Labelled:
-    """Dialect for lines of several magnetometers in turn; their numbers come first in a row, the last line ends it."""
+    """Dialect for lines of several magnetometers in turn; each row begins with their numbers."""
     others = [kind for kind in counts if kind != closing and counts[kind] >= MIN_AUXILIARY_SHARE * counts[closing]]
     read = [kind for kind in counts if kind == closing or (kind in others and _is_read_with(kind, closing))]
     turns = [kind for kind in read if kind == closing or (magnetometers(kind) and counts[kind] >= counts[closing] - 1)]

@@ -66,7 +66,7 @@ def recognise(lines: list[str]) -> Pairs | None:
 
 
 def _pairs(line: str, delimiter: str) -> tuple[str, dict[str, str]]:
-    """Cells of a line that name no number, joined, and the numbers by the names in front of them."""
+    """Words of a line that are not names of numbers, joined; and its numbers, each by the name in front of it."""
     cells = [cell.strip() for cell in line.split(delimiter)]
     both = (each for each in pairwise(cells) if NAME.fullmatch(each[0]) and each[1])
     values = {

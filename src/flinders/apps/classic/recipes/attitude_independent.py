@@ -59,13 +59,13 @@ MIN_EXPLAINED: Final = 0.5
 """Smallest explained share of the variance of H² for a centred fit; with less, noise dominates its scale."""
 
 MAX_SPREAD_RATIO: Final = 0.8
-"""Largest σ of a strength that the readings do not explain, relative to their scatter about one ellipsoid."""
+"""Largest σ of an unexplained field strength, relative to the scatter of the readings about one ellipsoid."""
 
 MAX_CONSTANT_SPREAD: Final = 1e-9
 """Largest relative spread of a constant strength, from rounding."""
 
 MIN_LENGTH_DIFFERENCE: Final = 1e-4
-"""Smallest rms difference of a strength from the length of the readings, as a share; with less, it is that length."""
+"""Smallest rms difference of a measured field strength from the length of the readings, as a share of it."""
 
 MIN_GAIN_RATIO: Final = 0.5
 """Smallest ratio of the gain to that of the start; noise does not halve the gain, convergence to D = −I does."""

@@ -44,11 +44,11 @@ class Constrained:
 
     and with ``centred=True`` l = 0, so that the centre is at zero: three unknowns fewer. The names of MATLAB's
     ``magcal`` are synonyms; its ``"auto"`` starts with the sphere, takes the aligned ellipsoid if its `fit_error` is
-    smaller, then the free one if that is smaller still. There is no penalty for unknowns, so that it nearly always ends
-    with the free one.
+    smaller, then the free one if that is smaller still. There is no penalty for unknowns, so that the choice is
+    nearly always the free one.
 
     Moving or scaling the readings moves and scales the solution in the same way, except that ``centred`` cannot follow
-    a move. Rotating them rotates it for ``"free"`` and ``"sphere"`` only, as the others refer to the sensor's axes.
+    a move. Rotated readings rotate the solution only for ``"free"`` and ``"sphere"``: the others refer to the axes.
 
     Use it for parity with those two programs, or if the constraint is known to hold: a sensor whose x and y are one
     coil type and z another, an offset that was subtracted before. Do not use an assumed constraint: the error of a

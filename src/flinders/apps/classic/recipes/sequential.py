@@ -254,7 +254,7 @@ class SequentialState(NamedTuple):
 
 
 def first_batch(rows: Floats, variances: Floats) -> int:
-    """Smallest number of leading rows, of (N, k), that determine k unknowns; 0 if all N rows do not."""
+    """Smallest number of first rows of an (N, k) matrix that determine k unknowns; 0 if even all rows do not."""
     count = MIN_BATCH
     while count < 2 * len(rows):
         taken = min(count, len(rows))

@@ -120,7 +120,7 @@ def _walks(options: Drift, other: str | None) -> int:
         raise UsageError(f"{other} is no history of `flinders watch`: give tables alone, or histories alone")
     for name, field in (("--against", "against"), ("--batch", "batch")):
         if program.is_typed(field):
-            raise UsageError(f"{name} goes with tables of a fleet: leave it out")
+            raise UsageError(f"{name} needs tables of a fleet: leave it out")
     outputs = options.checked_outputs()
     with working() as watch, record_table(options.out, UnitWalk, force=options.force) as each:
         if watch is not None:

@@ -88,11 +88,11 @@ class LiveSource(program.Group):
         if len(named) > 1:
             raise UsageError(f"{' and '.join(named)} name several sensors: show each on a page of its own")
         if self.speed is not None and self.replay is None and not self.simulate:
-            raise UsageError("--speed goes with --replay and --simulate: leave --speed out")
+            raise UsageError("--speed needs --replay or --simulate: leave --speed out")
         if self.compass != 1 and self.mavlink is None:
-            raise UsageError("--compass goes with --mavlink: leave --compass out")
+            raise UsageError("--compass needs --mavlink: leave --compass out")
         if self.imu_topic is not None and self.ros2 is None:
-            raise UsageError("--imu-topic goes with --ros2: leave --imu-topic out")
+            raise UsageError("--imu-topic needs --ros2: leave --imu-topic out")
         if self.port == ANY_PORT:
             board_port()  # reports a missing port at once, before anything is loaded
         self.lines.refuse_with(named)

@@ -43,7 +43,7 @@ class Topic(program.Group):
     def check(self) -> None:
         """Refuse options of a topic without one; raises `UsageError`."""
         if self.ros2 is None and (wrong := self.typed_options()):
-            raise UsageError(f"{', '.join(wrong)} goes with --ros2: leave it out")
+            raise UsageError(f"{', '.join(wrong)} applies only to --ros2: leave it out")
         if self.unit is not None:
             from flinders.core.units import Unit
 

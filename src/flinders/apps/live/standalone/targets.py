@@ -49,7 +49,7 @@ NAMES: Final = (
 In the order of the page's list, whose groups follow their first targets: it is for boards first.
 """
 OWN_FORMATS: Final = {"ardupilot": "general", "px4": "general", "matlab": "seventeen"}
-"""Format of targets for which the format cannot be told from the numbers, since another one may write the same."""
+"""Format of each target whose numbers do not show its format, since another target may write the same numbers."""
 
 RECORDED: Final = "\N{CURRENCY SIGN}"
 """Placeholder for the name of the recorded unit; as `over` of a slot, it stands for the size of that unit."""

@@ -75,7 +75,7 @@ class StationFolder:
         self._waiting: list[StationRow] = []
 
     def begin_test(self, serial: str, began: datetime, operator: str, station: str) -> UnitTest:
-        """Return a new test with unused file names, noted in the journal so that it gets a row after any failure."""
+        """Begin a test with unused file names; an entry in the journal gives the test a row even after a failure."""
         folder, when = folder_of(serial), began.astimezone().strftime(FORMAT)
         name, again = f"{folder}/{when}", 2
         while self.recording(f"{name}.csv").exists():

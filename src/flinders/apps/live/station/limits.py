@@ -33,7 +33,7 @@ AXES: Final = "xyz"
 
 
 class Miss(Struct, frozen=True):
-    """A reason why a unit fails, as a code: one of `station.words`, of a finding or of an error."""
+    """Reason why a unit fails: the code of a finding, of an error, or of a sentence in `station.words`."""
 
     code: str
     found: float | None = None  # the value outside its limits

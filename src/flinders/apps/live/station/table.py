@@ -205,8 +205,8 @@ def rows_of(path: Path, text: str) -> list[dict[str, str]]:
     if reader.fieldnames is not None and tuple(reader.fieldnames) != COLUMNS:
         missing = [name for name in COLUMNS if name not in reader.fieldnames]
         what = f"it has no {missing[0]}" if missing else "its columns are in another order"
-        raise OutputError(f"{path}: is not a table of this station: {what}; move it away, or name another folder")
+        raise OutputError(f"{path}: is not a table of this station: {what}; move the file away, or name another folder")
     try:
         return list(reader)
     except csv.Error as error:
-        raise OutputError(f"{path}: line {reader.line_num} cannot be read: {error}; move it away") from None
+        raise OutputError(f"{path}: line {reader.line_num} cannot be read: {error}; move the file away") from None

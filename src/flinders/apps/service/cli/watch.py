@@ -85,7 +85,7 @@ class WatchedSource(program.Group):
                 "--mavlink LINK, --ros2 TOPIC, --replay LOG, or - for standard input"
             )
         if self.compass != 1 and self.mavlink is None:
-            raise UsageError("--compass goes with --mavlink: leave --compass out")
+            raise UsageError("--compass needs --mavlink: leave --compass out")
         self.lines.refuse_with(named)
         if self.lines.unit:
             from flinders.core.units import Unit
@@ -219,9 +219,7 @@ class Watch(program.Group):
         self.source.check()
         self._check_sending()
         if self.publish is not None and self.source.ros2 is None:
-            raise UsageError(
-                "--publish goes with --ros2: leave --publish out; for other programs use --adopted or --json"
-            )
+            raise UsageError("--publish needs --ros2: leave --publish out; for other programs use --adopted or --json")
         if self.walk is not None and self.history is not None:
             raise UsageError("--walk and --history both give the random walk of the offset: leave one out")
         read = [*self.source.files, *filter(None, (self.source.replay, self.calibration, self.history))]
@@ -245,11 +243,11 @@ class Watch(program.Group):
         """Refuse --send for a source that cannot receive calibrations, or without a folder for previous values."""
         if self.send is None:
             if program.is_typed("send_interval_s"):
-                raise UsageError("--send-interval goes with --send: leave --send-interval out")
+                raise UsageError("--send-interval needs --send: leave --send-interval out")
             return
         if self.source.mavlink is None:
             raise UsageError(
-                "--send goes with --mavlink: a board on a wire does not report its previous values, so that nobody "
+                "--send needs --mavlink: a board on a wire does not report its previous values, so that nobody "
                 "could restore them. Write calibrations with --adopted, and send one with flinders send"
             )
         if not Path(self.send).is_dir():

@@ -27,7 +27,7 @@ FIT_OPTIONS: Final = (
     "target_deg",
     "non_linear",
 )
-"""Options of a fit, which do not go with an earlier calibration."""
+"""Options of a fit, which cannot be used with an earlier calibration."""
 
 
 class Survey(program.Group):

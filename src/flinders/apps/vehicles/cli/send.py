@@ -55,7 +55,7 @@ class Send(program.Group):
     as_json: bool = option.as_json()
 
     def check(self) -> None:
-        """Refuse other than exactly one receiver, and options that do not belong to it."""
+        """Refuse none or several receivers, and options that do not belong to the receiver."""
         if self.port is not None and self.mavlink is not None:
             raise UsageError("--serial and --mavlink name two receivers: send to each with a command of its own")
         if self.port is None and self.mavlink is None:
@@ -71,7 +71,7 @@ class Send(program.Group):
         }  # fmt: skip
         wrong = [name for name, value in of_vehicles.items() if value is not None]
         if self.port is not None and wrong:
-            raise UsageError(f"{', '.join(wrong)} goes with --mavlink: a board on --serial has one compass")
+            raise UsageError(f"{', '.join(wrong)} applies only to --mavlink: a board on --serial has one compass")
 
 
 @program.command_of(

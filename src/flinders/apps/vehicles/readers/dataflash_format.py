@@ -275,7 +275,7 @@ class _Segment(NamedTuple):
         return self.at + self.headers[taken], self.at + resume, broken
 
     def _beyond(self, after: Places, taken: Places) -> int:
-        """Byte to continue from if no header follows: the later of the ends of the last message and of the part."""
+        """Byte to continue from if no header follows: the end of the last message or of the part, if that is later."""
         behind = int(after[taken[-1]]) if len(taken) else 0
         return max(behind, self.stop - self.at)
 

@@ -113,7 +113,7 @@ def unapply_stages(
 
 
 def stored_correction(parameters: ArduPilotParameters, *, changes: int = 0) -> Stored | None:
-    """Correction that a compass of ArduPilot stores, as at its last reading; None if it corrects nothing."""
+    """Correction that ArduPilot stored for a compass at its last reading; None if it corrects nothing."""
     if parameters.is_identity:
         return None
     return Stored(onboard(parameters), parameters.words(), changes=changes)

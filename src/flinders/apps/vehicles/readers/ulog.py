@@ -148,7 +148,7 @@ def _parse_log(pyulog: Any, file: File, topics: Sequence[str] = TOPICS) -> Any: 
 
 
 def _guarded_parser(ulog: type[Any]) -> type[Any]:
-    """Return a parser that refuses nested definitions with too many columns in the way it refuses damaged ones."""
+    """Return a parser that refuses nested definitions with too many columns, like damaged definitions."""
     left = MAX_FIELDS
     whole = ulog._MessageAddLogged  # the only class that creates columns
 

@@ -137,7 +137,7 @@ def estimator_values(
         return {}, []
     if asked.noise is None:
         raise NotExportable(
-            f"the calibration states no heading error, which the noise for {estimator.who} needs: fit a recording, "
+            f"the noise for {estimator.who} needs a heading error, and the calibration states none: fit a recording, "
             "or leave the noise out",
             hint={"noise": None},
             beyond=(estimator.heading_noise.name, estimator.field_noise.name),
