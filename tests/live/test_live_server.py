@@ -700,6 +700,17 @@ def test_an_export_comes_as_text_with_its_warnings_and_as_a_file(wall: Bench, ta
     assert plain.content == expected
 
 
+@pytest.mark.parametrize(
+    ("target", "names"),
+    [("arduino", ("strengthIsOff", "magneticHeading")), ("micropython", ("def strength_is_off", "def heading"))],
+)
+def test_code_from_the_page_has_the_claim_as_numbers(wall: Bench, target: str, names: tuple[str, str]) -> None:
+    """As that of `flinders export`: gates, and each heading with its standard deviation."""
+    code = wall.client.get(f"/export/{target}{wall.of_finished()}").text
+    assert [name for name in names if name not in code] == []
+    assert "within 1 deg for" in code
+
+
 def test_a_target_that_is_not_there_is_named_and_no_path_is_opened(wall: Bench) -> None:
     assert wall.client.get("/export/toaster").status_code == 404
     assert "one of ardupilot" in wall.client.get("/export/toaster").json()["words"]

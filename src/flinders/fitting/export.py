@@ -78,15 +78,13 @@ def export_fit(
         _refuse_left_handed(fit, target)
     number, notes = _compass_of(fit, target, compass)
     turn = mounting_of(fit, target, mounting)
-    asked = ExportOptions(
+    asked = replace(
+        options_of_claim(fit),
         compass=number,
         lossy=lossy,
         name=name,
         mounting=turn,
         rotation_covariance=_mounting_covariance(fit, turn),
-        gates=gates_of(fit),
-        noise=noise_of(fit),
-        heading=heading_model_of(fit),
         estimator=noise,
         fitting=fitting_command(fit, target),
     )
@@ -98,6 +96,11 @@ def export_fit(
     if asked.noise is not None:
         export.fields["noise"] = asked.noise.as_dict(fit.calibration.unit)
     return export, notes
+
+
+def options_of_claim(fit: Fit) -> ExportOptions:
+    """Options by which generated code states the claim of a fit: gates, noise and the error of each heading."""
+    return ExportOptions(gates=gates_of(fit), noise=noise_of(fit), heading=heading_model_of(fit))
 
 
 def _refuse_left_handed(fit: Fit, target: Target) -> None:

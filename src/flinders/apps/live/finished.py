@@ -17,9 +17,9 @@ from flinders.core.samples import Samples
 from flinders.errors import FlindersError, UnreadableInput, UsageError
 from flinders.estimators.data import CountedRecording
 from flinders.fitting.calibrate import fit
-from flinders.fitting.export import verdict_lines
+from flinders.fitting.export import origin_lines
 from flinders.fitting.refreshing import refresh
-from flinders.fitting.result import Refused
+from flinders.fitting.result import Refused, with_name
 from flinders.likelihood.site_field import Site
 from flinders.readers import open_recording
 from flinders.report.view import view_of_numbers
@@ -128,7 +128,7 @@ class FinishedCalibration:
     @property
     def about(self) -> list[str]:
         """Sentences on origin and uncertainty, for the head of an export."""
-        return [f"from {self.name}", *verdict_lines(self.fit)]
+        return origin_lines(with_name(self.fit, self.name))
 
 
 def finish_calibration(number: str, wanted: FinishInputs) -> FinishedCalibration:

@@ -296,6 +296,7 @@ def _provenance(finished: FinishedCalibration) -> ProvenanceRecord:
 
 async def _export(request: Request) -> Response:
     """Answer with the calibration for a target: text with notes, or the file."""
+    from flinders.fitting.export import options_of_claim
     from flinders.targets import find
 
     try:
@@ -304,9 +305,9 @@ async def _export(request: Request) -> Response:
         raise HTTPException(404, error.message) from None
     is_preview = "application/json" in request.headers.get("accept", "")
     finished = _made(request)
-    calibration, about = finished.fit.calibration, finished.about
+    fit, about = finished.fit, finished.about
     try:
-        export = await asyncio.to_thread(row.render, calibration, about=about)
+        export = await asyncio.to_thread(row.render, fit.calibration, about=about, asked=options_of_claim(fit))
     except FlindersError as error:
         if is_preview:  # a preview for a target that cannot hold the calibration is not an error of the page
             return JSONResponse({"refusal": error.message})
