@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -26,6 +27,7 @@ from flinders.cli._inputs import (
 from flinders.cli._output import can_show, print_json, print_result, progress, say, show
 from flinders.cli._program import ANSWER_EXITS, LIMITED, print_error
 from flinders.cli._spelling import in_options
+from flinders.core.files import free_path
 from flinders.core.language import phrase
 from flinders.errors import FitError, NeedsSamples, UsageError
 
@@ -152,9 +154,10 @@ def _day(text: str) -> datetime:
 
 
 def _calibrate_command(options: Check) -> str:
-    """Command that calibrates from the same log."""
+    """Command that calibrates from the same log, into a file that does not exist."""
     sensor = [] if options.sensor is None else ["--sensor", options.sensor]
-    return shlex.join(["flinders", "calibrate", str(options.calibration), *sensor, "-o", "calibration.json"])
+    output = str(free_path(Path("calibration.json")))
+    return shlex.join(["flinders", "calibrate", str(options.calibration), *sensor, "-o", output])
 
 
 def _run_check(options: Check) -> Checked:
