@@ -315,6 +315,21 @@ def test_what_cannot_be_compared() -> None:
         claiming(one, np.eye(6))
 
 
+def test_paths_and_bare_calibrations_are_compared_too(tmp_path: Path) -> None:
+    one, other = judged(0), judged(1)
+    paths = [tmp_path / "one.json", tmp_path / "other.json"]
+    for fit, path in zip((one, other), paths, strict=True):
+        fit.save(path)
+    found, wanted = compare(str(paths[0]), paths[1]), compare(one, other)
+    assert found.answer == wanted.answer
+    assert found.chi_square == pytest.approx(wanted.chi_square, rel=1e-6)
+    bare = compare(one.calibration, other.calibration)
+    assert bare.p_value is None
+    assert bare.worst_deg == pytest.approx(wanted.worst_deg)
+    with assert_raises(UsageError):
+        compare(np.zeros((3, 3)), one)  # type: ignore[arg-type]
+
+
 def test_the_strength_of_readings_adds() -> None:
     recording = simulate.tumble(seed=4, motion="uniform", sensor=RANDOM_SENSOR)
     calibration = judged(0).calibration
