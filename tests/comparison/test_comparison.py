@@ -150,6 +150,7 @@ def test_a_rotation_that_one_alone_knows_is_left_out(angles: tuple[float, float,
     matrix = turn @ one.calibration.matrix
     found = compare(one, changed(one, matrix=matrix, rotation="estimated"))
     assert (found.answer, found.rotation) == ("holds", None)
+    assert not found.is_identical
     assert found.heading_difference_deg.worst == pytest.approx(0.0, abs=1e-9)
     assert found.direction_difference_deg == pytest.approx(0.0, abs=1e-5)
     cosine = (np.trace(turn) - 1.0) / 2.0
@@ -237,7 +238,9 @@ def test_a_calibration_agrees_with_itself() -> None:
     for one in (judged(0), claiming(judged(0), np.zeros((9, 9)))):
         found = compare(one, one)
         assert found.answer == "holds"
+        assert found.is_identical
         assert found.heading_difference_deg.worst < 1e-9
+    assert not compare(judged(0), judged(1)).is_identical
 
 
 # what is claimed

@@ -196,10 +196,15 @@ class Comparison:
 
     @property
     def is_identical(self) -> bool:
-        """Whether both are the same calibration except for rounding."""
+        """Whether both are the same calibration except for rounding, also in their rotation into the body."""
+        return self.is_same_ellipsoid and not self.is_turned and self.omitted_rotation_deg is None
+
+    @property
+    def is_same_ellipsoid(self) -> bool:
+        """Whether both correct alike except for rounding, without their rotations into the body."""
         scale = abs(self.scale_difference) if self.is_scale_known else 0.0
         apart = max(math.radians(self.direction_difference_deg), self.offset_share, scale)
-        return apart < 1e-9 and not self.is_turned
+        return apart < 1e-9
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready, as printed by ``--json``; keys of a rotation only if there is one."""
@@ -213,7 +218,7 @@ class Comparison:
             **json_attributes(self, "largest_deg", "telling_bound_deg", "wider_claim"),
             **json_attributes(self, "ratio", "chi_square", "freedom", "p_value", "direction_difference_deg"),
             **json_attributes(self, "offset_difference", "offset_sigma", "offset_share", "unit", "scale_difference"),
-            "is_scale_known": self.is_scale_known,
+            **json_attributes(self, "is_scale_known", "is_identical"),
             **({} if self.rotation is None else json_attributes(self, "rotation")),
             **({} if self.omitted_rotation_deg is None else {"omitted_rotation_deg": self.omitted_rotation_deg}),
         }
