@@ -91,17 +91,24 @@ def count_text(number: float, noun: str) -> str:
     return f"{number:,.0f} {noun}{'s' * (round(number) != 1)}"
 
 
-def did_you_mean(word: str, known: Iterable[str]) -> str:
+def did_you_mean(word: str, known: Iterable[str], *, by_other: Mapping[str, str] | None = None) -> str:
     """Question with the known word that is most similar to a mistyped one; empty if none is similar.
+
+    `by_other` has known words by other words with the same meaning, in any case, which precede similar words.
 
     >>> did_you_mean("micropythn", ["arduino", "micropython"]), did_you_mean("zzz", ["arduino"])
     (" (did you mean 'micropython'?)", '')
+    >>> did_you_mean("magneto", ["li", "axes"], by_other={"Magneto": "li"})
+    " (did you mean 'li'?)"
     """
     from difflib import get_close_matches
 
-    by_folded = {name.casefold(): name for name in known}
-    like = get_close_matches(word.strip().casefold(), by_folded, n=1)
-    return f" (did you mean {by_folded[like[0]]!r}?)" if like else ""
+    folded = word.strip().casefold()
+    meant = {other.casefold(): name for other, name in (by_other or {}).items()}.get(folded)
+    if meant is None:
+        by_folded = {name.casefold(): name for name in known}
+        meant = next((by_folded[like] for like in get_close_matches(folded, by_folded, n=1)), None)
+    return "" if meant is None else f" (did you mean {meant!r}?)"
 
 
 def figures(value: float, digits: int = 2) -> str:

@@ -30,8 +30,8 @@ from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
 from flinders.errors import NotExportable, OutputExists, UnitError
 from flinders.fitting.export import export_fit
+from flinders.fitting.fit_file import fit_for
 from flinders.targets import find
-from flinders.workflows.recordings import fit_for
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -35,7 +35,7 @@ KEYS = [
     "answer", "heading_difference_deg", "claimed_deg", "largest_deg", "telling_bound_deg", "wider_claim", "ratio",
     "chi_square", "freedom", "p_value",
     "direction_difference_deg", "offset_difference", "offset_sigma", "offset_share", "unit", "scale_difference",
-    "is_scale_known",
+    "is_scale_known", "is_identical",
 ]  # fmt: skip
 
 
@@ -382,6 +382,23 @@ def test_an_aided_calibration_is_checked_without_its_rotation(tmp_path: Path) ->
     assert told["answer"] == "holds"
     assert told["heading_difference_deg"]["worst"] < 4.0 * told["claimed_deg"]["worst"]
     assert told["omitted_rotation_deg"] == pytest.approx(12.0)
+
+
+@pytest.mark.parametrize(("target", "code"), [("1", 0), ("0.01", 3)])
+def test_a_rotation_in_one_calibration_alone_is_named_as_the_difference(tmp_path: Path, target: str, code: int) -> None:
+    turned = calibrated_with_a_turn(tmp_path)
+    found = calibration_file.read(turned)
+    matrix = euler(-12.0, 0.0, 0.0) @ np.array(found.calibration.matrix)
+    correction = structs.replace(found.calibration, matrix=tuple(map(tuple, matrix.tolist())), rotation="symmetric")
+    alone = str(tmp_path / "alone.json")
+    calibration_file.write(structs.replace(found, calibration=correction), alone)
+    for other, is_identical in ((turned, False), (alone, True)):
+        ended = flinders_("compare", alone, other, "--target", target)
+        assert ended.code == code
+        assert_sentences(" ".join(ended.out.partition("together")[2].split()), numbers=False)
+        told = flinders_("compare", alone, other, "--target", target, "--json").json
+        assert told["is_identical"] == is_identical
+        assert told.get("omitted_rotation_deg") == (None if is_identical else pytest.approx(12.0))
 
 
 def write_tumble(path: Path, *, seed: int) -> None:

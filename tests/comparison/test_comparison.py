@@ -150,6 +150,7 @@ def test_a_rotation_that_one_alone_knows_is_left_out(angles: tuple[float, float,
     matrix = turn @ one.calibration.matrix
     found = compare(one, changed(one, matrix=matrix, rotation="estimated"))
     assert (found.answer, found.rotation) == ("holds", None)
+    assert not found.is_identical
     assert found.heading_difference_deg.worst == pytest.approx(0.0, abs=1e-9)
     assert found.direction_difference_deg == pytest.approx(0.0, abs=1e-5)
     cosine = (np.trace(turn) - 1.0) / 2.0
@@ -237,7 +238,9 @@ def test_a_calibration_agrees_with_itself() -> None:
     for one in (judged(0), claiming(judged(0), np.zeros((9, 9)))):
         found = compare(one, one)
         assert found.answer == "holds"
+        assert found.is_identical
         assert found.heading_difference_deg.worst < 1e-9
+    assert not compare(judged(0), judged(1)).is_identical
 
 
 # what is claimed
@@ -313,6 +316,21 @@ def test_what_cannot_be_compared() -> None:
             compare(one, one, **wrong)
     with pytest.raises(ArrayError, match="shape"):
         claiming(one, np.eye(6))
+
+
+def test_paths_and_bare_calibrations_are_compared_too(tmp_path: Path) -> None:
+    one, other = judged(0), judged(1)
+    paths = [tmp_path / "one.json", tmp_path / "other.json"]
+    for fit, path in zip((one, other), paths, strict=True):
+        fit.save(path)
+    found, wanted = compare(str(paths[0]), paths[1]), compare(one, other)
+    assert found.answer == wanted.answer
+    assert found.chi_square == pytest.approx(wanted.chi_square, rel=1e-6)
+    bare = compare(one.calibration, other.calibration)
+    assert bare.p_value is None
+    assert bare.worst_deg == pytest.approx(wanted.worst_deg)
+    with assert_raises(UsageError):
+        compare(np.zeros((3, 3)), one)  # type: ignore[arg-type]
 
 
 def test_the_strength_of_readings_adds() -> None:

@@ -14,8 +14,8 @@ from tests.worlds import SOFT_IRON, Streamed, errors, true_parameters
 import flinders
 from flinders import simulate
 from flinders.core.samples import Samples
-from flinders.errors import FitError, NeedsSamples
-from flinders.estimators import Estimator, Readings, data
+from flinders.errors import FitError, NeedsSamples, UsageError
+from flinders.estimators import Estimator, Readings, data, method_class
 from flinders.estimators.algebraic import Algebraic
 from flinders.estimators.auto import Auto
 from flinders.estimators.consistent import Consistent
@@ -181,6 +181,12 @@ def test_the_likelihood_asks_for_readings_where_there_are_only_sums() -> None:
         Likelihood().estimate(Readings(summary))
     assert Auto().estimate(Readings(summary)).method == "consistent"
     assert flinders.fit(summary).evidence.method == "consistent"
+
+
+@pytest.mark.parametrize(("program", "method"), [("magneto", "li"), ("MotionCal", "algebraic"), ("nxp", "algebraic")])
+def test_the_name_of_a_program_is_answered_with_the_method_of_its_numbers(program: str, method: str) -> None:
+    with pytest.raises(UsageError, match=f"did you mean '{method}'"):
+        method_class(program)
 
 
 def test_a_given_field_strength_scales_the_matrix_and_nothing_else() -> None:

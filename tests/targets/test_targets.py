@@ -353,6 +353,21 @@ def test_numbers_are_read_back_as_they_were(value: float) -> None:
     assert re.fullmatch(r"-?\d+\.\d*(e[-+]?\d+)?|-?\d+e[-+]?\d+|-?\d+\.\d+", digits(value))
 
 
+@pytest.mark.parametrize(
+    ("program", "name"),
+    [
+        ("ekf2", "px4"),
+        ("EKF3", "ardupilot"),
+        ("robot_localization", "ros-madgwick"),
+        ("imu_filter_madgwick", "ros-madgwick"),
+        ("micropythn", "micropython"),
+    ],
+)
+def test_the_program_around_a_target_is_answered_with_that_target(program: str, name: str) -> None:
+    with pytest.raises(UsageError, match=f"did you mean '{name}'"):
+        find(program)
+
+
 def test_the_table_is_complete() -> None:
     for name, row in registry().items():
         assert row.name == name

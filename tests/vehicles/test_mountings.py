@@ -244,6 +244,8 @@ def fit_of(found: Calibration, *files: SourceFile) -> Fit:
     [
         ("ardupilot", "8", euler(180, 0, 0)),
         ("ardupilot", "roll_180", euler(180, 0, 0)),
+        ("ardupilot", "Rotation_Yaw_90", euler(0, 0, 90)),
+        ("px4", "ROTATION_YAW_90", euler(0, 0, 90)),
         ("px4", "0,90,45", euler(0, 90, 45)),
         ("inav", "0,0,90", euler(0, 0, -90)),
         ("inav", "cw90", euler(0, 0, -90)),

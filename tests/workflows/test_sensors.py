@@ -12,9 +12,10 @@ from tests.worlds import PER_AMPERE, body, table_text
 import flinders
 from flinders import simulate
 from flinders.errors import AxesError, FlindersError, InputError, NotTurned, UsageError
-from flinders.fitting.result import Fit
+from flinders.fitting.result import Fit, Refused
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
     from flinders.arrays import Floats
@@ -34,6 +35,18 @@ def test_each_magnetometer_of_a_table_is_calibrated_as_it_is_alone(tmp_path: Pat
         assert isinstance(outcome, Fit)
         assert outcome.calibration.sensor == name
         npt.assert_allclose(outcome.calibration.offset, sensor.offset, atol=5.0 * outcome.claim.offset_sigma.max())
+
+
+def test_a_log_is_fitted_by_the_field_at_its_place_in_one_call_and_in_each(recordings: Callable[[str], Path]) -> None:
+    log = recordings("dronekit_log171_3mags/log171.bin")
+    fit, of_each = flinders.fit(log), flinders.fit_each(log)["MAG"]
+    assert isinstance(of_each, Fit)
+    assert fit.calibration == of_each.calibration
+    assert fit.heading_error_deg == of_each.heading_error_deg
+    assert fit.claim.known_dip_deg == pytest.approx(-66.0, abs=0.1)
+    assert not fit.claim.dip_assumed
+    with pytest.raises(Refused):  # a recording has no default site
+        flinders.fit(flinders.open_recording(log))
 
 
 def test_one_that_cannot_be_fitted_does_not_keep_the_others(tmp_path: Path) -> None:

@@ -32,6 +32,7 @@ from flinders.core.keywords import check_keywords
 from flinders.core.notebook import html_table
 from flinders.core.units import unit_label
 from flinders.errors import AxesError, UnitError, UsageError, figures
+from flinders.fitting.fit_file import fit_for
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric_matrix
 from flinders.geometry.plane import PLANE_PARAMETERS, equator_matrix
 from flinders.geometry.rotation import rotation_vectors
@@ -43,6 +44,7 @@ from flinders.summary.pooling import p_value_of
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
+    from flinders.fitting.fit_file import AnyCalibration
     from flinders.fitting.result import Fit
     from flinders.native.faults import Answer
 
@@ -194,10 +196,15 @@ class Comparison:
 
     @property
     def is_identical(self) -> bool:
-        """Whether both are the same calibration except for rounding."""
+        """Whether both are the same calibration except for rounding, also in their rotation into the body."""
+        return self.is_same_ellipsoid and not self.is_turned and self.omitted_rotation_deg is None
+
+    @property
+    def is_same_ellipsoid(self) -> bool:
+        """Whether both correct alike except for rounding, without their rotations into the body."""
         scale = abs(self.scale_difference) if self.is_scale_known else 0.0
         apart = max(math.radians(self.direction_difference_deg), self.offset_share, scale)
-        return apart < 1e-9 and not self.is_turned
+        return apart < 1e-9
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready, as printed by ``--json``; keys of a rotation only if there is one."""
@@ -211,7 +218,7 @@ class Comparison:
             **json_attributes(self, "largest_deg", "telling_bound_deg", "wider_claim"),
             **json_attributes(self, "ratio", "chi_square", "freedom", "p_value", "direction_difference_deg"),
             **json_attributes(self, "offset_difference", "offset_sigma", "offset_share", "unit", "scale_difference"),
-            "is_scale_known": self.is_scale_known,
+            **json_attributes(self, "is_scale_known", "is_identical"),
             **({} if self.rotation is None else json_attributes(self, "rotation")),
             **({} if self.omitted_rotation_deg is None else {"omitted_rotation_deg": self.omitted_rotation_deg}),
         }
@@ -282,7 +289,9 @@ def _degrees(angle_deg: float) -> str:
 
 
 @check_keywords()
-def compare(a: Fit, b: Fit, *, dip_deg: float | None = None, target_deg: float = 1.0) -> Comparison:
+def compare(
+    a: AnyCalibration, b: AnyCalibration, *, dip_deg: float | None = None, target_deg: float = 1.0
+) -> Comparison:
     """Compare two calibrations of one sensor, and decide whether their difference is significant.
 
     Each calibration corrects readings of a turning vehicle that were simulated with the other, and the result is
@@ -301,24 +310,40 @@ def compare(a: Fit, b: Fit, *, dip_deg: float | None = None, target_deg: float =
 
     Parameters
     ----------
-    a, b : Fit
-        Fitted or loaded from their files, in the same unit and axes. A fit without a stated uncertainty counts as
-        exact.
+    a, b : Fit, Calibration, or path of a calibration file
+        In the same unit and axes. A calibration without a stated uncertainty counts as exact, such as a `Calibration`.
     dip_deg : float, optional
         Inclination of the field, positive if it points along +z of the sensor's mapped axes; by default that at which
         `a` was judged, else `b`, else 60°.
     target_deg : float
         Worst heading difference that is good enough, in degrees.
 
+    Returns
+    -------
+    Comparison
+        Differences b minus a, their uncertainty, and the `Comparison.answer`.
+
     Raises
     ------
+    DocumentError
+        For a calibration file that cannot be opened or understood, as `flinders.load`.
     UnitError
         If one is in µT and the other in counts.
     AxesError
         If their axes are mapped in different ways.
     UsageError
-        For a target that is not positive, or a dip within a degree of the poles.
+        For a target that is not positive, a dip within a degree of the poles, or something that is no calibration.
+
+    Examples
+    --------
+    >>> from flinders import simulate
+    >>> from flinders.fitting import calibrate
+    >>> days = [simulate.tumble(seed=seed, sensor=simulate.Sensor(noise=0.5)) for seed in (1, 2)]
+    >>> one, other = (calibrate.fit(day.samples) for day in days)
+    >>> compare(one, other).answer, compare(one.calibration, other.calibration).claimed_deg
+    ('holds', None)
     """
+    a, b = fit_for(a), fit_for(b)
     if dip_deg is None:
         dip_deg = common_dip_deg(a, b)
     if "xy" in (a.claim.plane, b.claim.plane):

@@ -104,10 +104,13 @@ METHODS: Final[Mapping[str, type[Estimator]]] = _RowMapping(lambda row: row.kind
 def method_class(name: str) -> type[Estimator]:
     """Class of a method by its name.
 
-    Raises `UsageError` for an unknown name.
+    Raises `UsageError` for an unknown name. For the name of a program, such as ``magneto``, the error names the method
+    with the numbers of that program.
     """
     if name not in METHODS:
-        raise UsageError(f"method {name!r} is not known{did_you_mean(name, METHODS)}: use one of {', '.join(METHODS)}")
+        by_program = {program: known for known, row in ROWS.items() for program in row.programs}
+        meant = did_you_mean(name, METHODS, by_other=by_program)
+        raise UsageError(f"method {name!r} is not known{meant}: use one of {', '.join(METHODS)}")
     return METHODS[name]
 
 

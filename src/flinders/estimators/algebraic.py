@@ -113,4 +113,5 @@ METHOD: Final = Method(
     Algebraic,
     use="general ellipsoid as NXP, MATLAB and MotionCal fit it; biased by noise",
     source="NXP AN4246 and AN5019, ten elements",
+    programs=("MotionCal", "NXP"),
 )

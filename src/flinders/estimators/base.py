@@ -135,6 +135,7 @@ class Method:
     use: str  # when to use it, in one line
     source: str  # paper or program that it follows
     is_recipe: bool = False  # whether it is a published recipe, whose numbers are available even if its fit is refused
+    programs: tuple[str, ...] = ()  # programs whose numbers it gives; the error for such a name names the method
 
     @property
     def parameters(self) -> int:

@@ -32,6 +32,7 @@ from flinders.fitting.request import Request, estimator_of, refuse_combinations
 from flinders.fitting.result import with_recording
 from flinders.fitting.widening import widen_claim
 from flinders.likelihood.prior import SOFT_IRON_SPREAD
+from flinders.likelihood.site_field import recorded_site
 from flinders.native.engine import engine
 from flinders.readers._auxiliary import with_auxiliary
 from flinders.summary.summary import Summary
@@ -124,7 +125,9 @@ def fit(
     site : Site, optional
         Known field at the place of the recording, and known mounting. Corrected readings have the strength of the site;
         without a strength the matrix has determinant 1 and the length is the fitted radius. Headings are judged
-        at its inclination, else at 60° (`Claim.dip_assumed`). Its values with an uncertainty are priors of the fit.
+        at its inclination, else at 60° (`Claim.dip_assumed`). Its values with an uncertainty are priors of the fit. For
+        the path of a log with place and date, the default is the field there, as in `flinders.fit_each`; a recording or
+        an array has no default.
     columns : str or sequence of str or int, optional
         The magnetometer's columns of a file or data frame, as for `flinders.read`: ``["mx", "my", "mz"]``; by default
         they are recognised by their names.
@@ -149,6 +152,11 @@ def fit(
         (`Calibration.linearization`). Only the targets C and Python can hold such a calibration. It is available for
         one recording in memory by ``auto``, without aiding sensors and disturbances.
 
+    Returns
+    -------
+    Fit
+        The calibration, its claimed heading error, its findings and the verdict ``good`` or ``limited``.
+
     Raises
     ------
     FitError
@@ -166,14 +174,25 @@ def fit(
         For `disturbances` of a sensor that was not turned, or that were not recorded.
     FollowsAttitude
         For a column that is a function of the direction of the field.
+
+    Examples
+    --------
+    >>> from flinders import simulate
+    >>> from flinders.likelihood.site_field import Site
+    >>> tumble = simulate.tumble(seed=1)
+    >>> fit(tumble.samples, site=Site(strength=50.0, inclination_deg=67.0)).calibration.field_strength
+    50.0
+    >>> fit(tumble.samples.field, unit="uT", method="li").evidence.method
+    'li'
     """
-    request = Request.of(site, target_deg=target_deg, instruments=Instruments.of(aiding) if aiding else None)
-    estimator = estimator_of(method, request)
-    request = replace(request, prior=getattr(estimator, "prior", SOFT_IRON_SPREAD))
+    estimator, request = _request(method, site, target_deg=target_deg, aiding=aiding)
     refuse_combinations(estimator, request, disturbances, linearize=linearize)
     unit = Unit.of(unit) if isinstance(unit, str) else unit
     axes = Axes.of(axes) if isinstance(axes, str) else axes
-    source, name = recording_of(source, unit, axes, sensor, columns)
+    recording, name = recording_of(source, unit, axes, sensor, columns)
+    if site is None and recording is not source and (stated := recorded_site(recording)):
+        estimator, request = _request(method, stated[0], target_deg=target_deg, aiding=aiding)
+    source = recording
     given = None if isinstance(source, Summary) else source
     source, disturbed, tried, unused = _compensate(source, disturbances, request)
     frame = _Frame.of(source, unit, axes)
@@ -191,6 +210,15 @@ def fit(
         left_out = _replaced_aiding(result, judged_with(alone), found.aiding)
         result = result if left_out is None else judged_with(alone._replace(aiding=left_out))
     return require_accepted(with_recording(with_mounting_error(result, request.alignment_sigma_deg), given))
+
+
+def _request(
+    method: str | Estimator, site: Site | None, *, target_deg: float, aiding: AnyAiding
+) -> tuple[Estimator, Request]:
+    """The method with its options, and the request for a fit, from parameters of `fit`."""
+    request = Request.of(site, target_deg=target_deg, instruments=Instruments.of(aiding) if aiding else None)
+    estimator = estimator_of(method, request)
+    return estimator, replace(request, prior=getattr(estimator, "prior", SOFT_IRON_SPREAD))
 
 
 def _judge(

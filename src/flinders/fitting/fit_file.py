@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 import os
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias, cast
 
 import numpy as np
 from msgspec import UNSET
@@ -28,12 +28,12 @@ from msgspec import UNSET
 from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import PARAMETERS, Fitted, HeadingErrorRecord, read
 from flinders.core.offset_walk import Walk
-from flinders.errors import DocumentError
+from flinders.errors import DocumentError, UsageError
 from flinders.findings import Finding
 from flinders.fitting.aiding import Aiding
 from flinders.fitting.claim import parameter_names
 from flinders.fitting.evidence import Disturbances, Evidence, Residuals
-from flinders.fitting.result import Judgement, Provenance, bare_fit
+from flinders.fitting.result import Fit, Judgement, Provenance, bare_fit
 from flinders.heading.error_propagation import HeadingError
 from flinders.summary.coverage import Coverage
 
@@ -41,7 +41,8 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.calibration_file import Document
     from flinders.fitting.claim import Claim
-    from flinders.fitting.result import Fit
+
+    AnyCalibration: TypeAlias = Fit | Calibration | str | os.PathLike[str]
 
 
 def load(path: str | os.PathLike[str]) -> Fit:
@@ -53,6 +54,24 @@ def load(path: str | os.PathLike[str]) -> Fit:
         For a file that cannot be opened or understood, or whose covariance is not one of offset and shape.
     """
     return fit_from(read(path), name=os.fspath(path))
+
+
+def fit_for(calibration: AnyCalibration) -> Fit:
+    """A calibration as a `Fit`: a `Calibration` without a claim, or a file that is loaded.
+
+    Raises `UsageError` for another type, such as a recording in the place of the calibration.
+    """
+    if isinstance(calibration, Fit):
+        return calibration
+    if isinstance(calibration, Calibration):
+        return bare_fit(calibration)
+    if not isinstance(cast("object", calibration), str | os.PathLike):
+        given = type(calibration).__name__
+        raise UsageError(
+            f"calibration is of type {given}: need a Fit, a Calibration or a path; a recording comes before its "
+            "calibration"
+        )
+    return load(calibration)
 
 
 def fit_from(document: Document, *, name: str = "calibration") -> Fit:

@@ -247,8 +247,8 @@ def _square_basis(error: HeadingError, square: float | None, freedom: int) -> st
 def _words(comparison: Comparison, fresh: Fit | None, *, is_limited: bool) -> str:
     """The answer in words: difference, bound, target and chance; then the remedy."""
     target = f"{plain_number(comparison.target_deg)}°"
-    if comparison.is_identical:
-        return phrase("compare.same", "the same calibration twice")
+    if comparison.is_identical or (comparison.is_same_ellipsoid and comparison.omitted_rotation_deg is not None):
+        return _same_words(comparison, target)
     if comparison.is_turned_beyond_target:
         return phrase(
             "compare.turned-beyond", "headings of the body differ by more than the target of {target}:", target=target
@@ -271,6 +271,23 @@ def _words(comparison: Comparison, fresh: Fit | None, *, is_limited: bool) -> st
         worst=apart, bound=at_most(comparison.claimed_bound_deg or 0.0), target=target, chance=chance,
         more=phrase("compare.renewal-better", ": a new calibration will be better") if is_changed else "",
         remedy=_remedy(comparison, is_checked=fresh is not None, is_limited=is_limited),
+    )  # fmt: skip
+
+
+def _same_words(comparison: Comparison, target: str) -> str:
+    """The words for two calibrations that correct alike; only one of both may have a rotation into the body."""
+    same = phrase("compare.same", "the same calibration twice")
+    if comparison.omitted_rotation_deg is not None:
+        same = phrase(
+            "compare.same-ellipsoid",
+            "offset and soft iron are the same in both; only one has a rotation into the body",
+        )
+    if comparison.answer != "cannot-tell":
+        return same
+    return phrase(
+        "compare.same-uncertain",
+        "{same}. The heading uncertainty of both together is {bound} (95 %), more than the target of {target}",
+        same=same, bound=at_most(comparison.claimed_bound_deg or 0.0), target=target,
     )  # fmt: skip
 
 

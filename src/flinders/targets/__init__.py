@@ -77,13 +77,23 @@ def registry() -> Mapping[str, Target]:
 def find(name: str) -> Target:
     """Target with a name.
 
-    Raises `UsageError`, with the existing names, for an unknown name.
+    Raises `UsageError` for an unknown name, with the existing names. For the name of a program that uses the output of
+    a target, such as ``ekf2``, the error names that target.
     """
     known = registry().get(name.strip().casefold())
     if known is None:
-        meant = did_you_mean(name, registry())
+        meant = did_you_mean(name, registry(), by_other=_names_by_program())
         raise UsageError(f"target {name!r} is not known{meant}: use one of {', '.join(registry())}")
     return known
+
+
+def _names_by_program() -> dict[str, str]:
+    """Names of targets by their titles and by the programs that use their output; of several targets the first."""
+    names: dict[str, str] = {}
+    for row in registry().values():
+        for program in filter(None, (row.title, row.estimator, *row.programs)):
+            names.setdefault(program, row.name)
+    return names
 
 
 def search(words: str) -> tuple[Target, ...]:
@@ -98,7 +108,7 @@ def search(words: str) -> tuple[Target, ...]:
     """
     found = tuple(row for row in registry().values() if all(word in _text_of(row) for word in words.casefold().split()))
     if not found:
-        meant = did_you_mean(words, registry())
+        meant = did_you_mean(words, registry(), by_other=_names_by_program())
         raise UsageError(
             f"no target has {words!r} in its name, written form or group{meant}: give no word to list all targets"
         )

@@ -149,9 +149,9 @@ class MountingTable:
     def read(self, words: str) -> Floats:
         """(3, 3) rotation of a number, a name, or three angles in degrees with commas between, as in the firmware.
 
-        Raises `UsageError` for anything else.
+        A name may have the prefix ``ROTATION_``, as in the firmware's source. Raises `UsageError` for anything else.
         """
-        word = words.strip().upper()
+        word = words.strip().upper().removeprefix("ROTATION_")
         by_name = {name: number for number, (name, *_) in enumerate(self.rows)}
         if word in by_name or (word.isdecimal() and int(word) < len(self.rows)):
             return self.rotation(by_name[word] if word in by_name else int(word))

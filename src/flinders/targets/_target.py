@@ -239,6 +239,7 @@ class Target:
     limits: tuple[Limit, ...] = ()  #: ranges of its parameters
     inertial: InertialForm | None = None  #: form of an accelerometer and a gyro, if it can represent them too
     estimator: str = ""  #: estimator that uses the noise of a compass, for ``--noise``; empty without one
+    programs: tuple[str, ...] = ()  #: further programs that use its output; `find` answers their names with this target
 
     @property
     def where(self) -> str:

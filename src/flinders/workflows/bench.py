@@ -24,9 +24,10 @@ from flinders.core.joining import single_recordings
 from flinders.errors import NotTurned
 from flinders.estimators.columns import NumericStates, column_states
 from flinders.estimators.static_bench import fit_still
+from flinders.fitting.fit_file import fit_for
 from flinders.fitting.verdict import collinearity_findings, column_findings, noise_findings
 from flinders.readers._auxiliary import with_auxiliary
-from flinders.workflows.recordings import fit_for, recording_for
+from flinders.workflows.recordings import recording_for
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -34,7 +35,8 @@ if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
     from flinders.estimators.static_bench import StillSensor
     from flinders.findings import Finding
-    from flinders.workflows.recordings import AnyCalibration, AnyReadings
+    from flinders.fitting.fit_file import AnyCalibration
+    from flinders.workflows.recordings import AnyReadings
 
 
 @dataclass(frozen=True, slots=True, eq=False)

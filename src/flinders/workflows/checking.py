@@ -26,6 +26,7 @@ from flinders.core.keywords import check_keywords
 from flinders.diagnostics.random_walk import walk_through
 from flinders.errors import NeedsSamples, TooFewSamples
 from flinders.fitting.calibrate import fit
+from flinders.fitting.fit_file import fit_for
 from flinders.fitting.fit_json import json_of
 from flinders.fitting.result import Refused, with_name
 from flinders.fitting.verdict import extrapolation_findings
@@ -33,7 +34,7 @@ from flinders.likelihood.site_field import Site, recorded_site
 from flinders.readers import open_recording
 from flinders.workflows.correction import PARAMETERS_ELSEWHERE
 from flinders.workflows.onboard import onboard_fit
-from flinders.workflows.recordings import compensation_at, fit_for, own_recordings, recording_for
+from flinders.workflows.recordings import compensation_at, own_recordings, recording_for
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -43,9 +44,10 @@ if TYPE_CHECKING:
     from flinders.core.samples import Recording
     from flinders.diagnostics.random_walk import RandomWalk
     from flinders.findings import Finding
+    from flinders.fitting.fit_file import AnyCalibration
     from flinders.fitting.result import Fit
     from flinders.native.faults import Answer
-    from flinders.workflows.recordings import AnyCalibration, AnyReadings
+    from flinders.workflows.recordings import AnyReadings
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -18,11 +18,12 @@ from typing import TYPE_CHECKING, Any, Final, Self
 from flinders.core.joining import concatenate
 from flinders.core.keywords import check_keywords
 from flinders.errors import count_text, python_arguments
+from flinders.fitting.fit_file import fit_for
 from flinders.fitting.verdict import extrapolation_findings
 from flinders.heading.smoothing import Filter
 from flinders.readers import TextRecording
 from flinders.workflows.notes import Note, limits_in_codes, limits_of
-from flinders.workflows.recordings import compensation_at, fit_for, recording_for
+from flinders.workflows.recordings import compensation_at, recording_for
 from flinders.workflows.suitability import CorrectionMonitor
 
 if TYPE_CHECKING:
@@ -34,8 +35,9 @@ if TYPE_CHECKING:
     from flinders.core.samples import Recording, Samples, Skipped
     from flinders.errors import Spelling
     from flinders.findings import Finding
+    from flinders.fitting.fit_file import AnyCalibration
     from flinders.fitting.result import Fit
-    from flinders.workflows.recordings import AnyCalibration, AnyReadings
+    from flinders.workflows.recordings import AnyReadings
 
 PARAMETERS_ELSEWHERE: Final = {
     **dict.fromkeys(

@@ -20,18 +20,18 @@ from flinders.core.keywords import check_keywords
 from flinders.core.short_repr import ShortRepr
 from flinders.errors import UsageError
 from flinders.fitting.export import export_fit, limit_lines, refuse_unfit
+from flinders.fitting.fit_file import fit_for
 from flinders.fitting.inertial_export import add_inertial, export_inertial, inertial_of
 from flinders.fitting.measurement_noise import noise_of
 from flinders.targets import find_accepting
 from flinders.targets._inertial import Asked
 from flinders.workflows.accelerometer import is_inertial, read_inertial
-from flinders.workflows.recordings import fit_for
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from flinders.fitting.fit_file import AnyCalibration
     from flinders.targets import Export, MeasurementNoise
-    from flinders.workflows.recordings import AnyCalibration
 
 
 @dataclass(frozen=True, slots=True, repr=False)

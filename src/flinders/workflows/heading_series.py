@@ -21,19 +21,21 @@ import numpy as np
 
 from flinders.core.geomag import recorded_field
 from flinders.core.keywords import check_keywords
+from flinders.fitting.fit_file import fit_for
 from flinders.heading.compass import Headings
 from flinders.heading.smoothing import Filter
 from flinders.workflows.correction import PARAMETERS_ELSEWHERE
 from flinders.workflows.heading_stream import HeadingStream
-from flinders.workflows.recordings import fit_for, recording_for
+from flinders.workflows.recordings import recording_for
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from flinders.arrays import Floats
     from flinders.core.geomag import SiteField
+    from flinders.fitting.fit_file import AnyCalibration
     from flinders.workflows.heading_stream import HeadingSummary
-    from flinders.workflows.recordings import AnyCalibration, AnyReadings
+    from flinders.workflows.recordings import AnyReadings
 
 
 @dataclass(frozen=True, slots=True, eq=False)

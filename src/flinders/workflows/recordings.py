@@ -11,7 +11,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
@@ -21,8 +20,7 @@ from flinders.core.calibration import Calibration
 from flinders.core.compensation import Compensator
 from flinders.core.joining import Joined, single_recordings
 from flinders.core.samples import RecordingWrapper, Samples, frame_of
-from flinders.errors import AxesError, TooFewSamples, UnitError, UsageError
-from flinders.fitting.fit_file import load
+from flinders.errors import AxesError, TooFewSamples, UnitError
 from flinders.fitting.result import Fit, bare_fit, with_calibration
 from flinders.readers import Choice, TableRecording, TextRecording, is_source, open_recording
 from flinders.readers._auxiliary import with_auxiliary
@@ -38,24 +36,6 @@ if TYPE_CHECKING:
     from flinders.readers._source import File
 
     AnyReadings: TypeAlias = Recording | ArrayLike | AnySource
-    AnyCalibration: TypeAlias = Fit | Calibration | str | os.PathLike[str]
-
-
-def fit_for(calibration: AnyCalibration) -> Fit:
-    """A calibration as a `Fit`: a `Calibration` without a claim, or a file that is loaded.
-
-    Raises `UsageError` for another type, such as a recording in the place of the calibration.
-    """
-    if isinstance(calibration, Fit):
-        return calibration
-    if isinstance(calibration, Calibration):
-        return bare_fit(calibration)
-    if not isinstance(cast("object", calibration), str | os.PathLike):
-        given = type(calibration).__name__
-        raise UsageError(
-            f"calibration is of type {given}: need a Fit, a Calibration or a path; the recording comes first"
-        )
-    return load(calibration)
 
 
 def identity_fit(recording: Recording) -> Fit:

@@ -24,20 +24,22 @@ from flinders.core.compensation import compensate_recording
 from flinders.core.joining import read_into_memory, single_recordings
 from flinders.core.keywords import check_keywords
 from flinders.findings import by_severity, certain_finding
+from flinders.fitting.fit_file import fit_for
 from flinders.summary.cloud import Cloud
 from flinders.summary.coverage import Coverage
 from flinders.workflows.correction import PARAMETERS_ELSEWHERE
 from flinders.workflows.notes import Note
-from flinders.workflows.recordings import fit_for, own_recordings, recording_for
+from flinders.workflows.recordings import own_recordings, recording_for
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from flinders.arrays import Floats
     from flinders.core.samples import Recording
+    from flinders.fitting.fit_file import AnyCalibration
     from flinders.fitting.result import Fit
     from flinders.geometry.ellipsoid import Ellipsoid
-    from flinders.workflows.recordings import AnyCalibration, AnyReadings
+    from flinders.workflows.recordings import AnyReadings
 
 MIN_STRENGTH, MAX_STRENGTH = 0.97, 1.03
 """Limits of the mean length of corrected readings in a matching recording, relative to the calibration's field."""

@@ -33,6 +33,7 @@ from flinders.estimators.ellipse import Ellipse
 from flinders.estimators.in_plane import require_turn
 from flinders.estimators.likelihood import MAX_ITERATED_READINGS
 from flinders.fitting import calibrate
+from flinders.fitting.fit_file import fit_for
 from flinders.fitting.fit_json import json_of
 from flinders.fitting.result import Refused, with_calibration
 from flinders.geometry.plane import PLANES, PlaneEllipse, Turn, axis_order, turn_axis
@@ -40,15 +41,16 @@ from flinders.likelihood.site_field import Site
 from flinders.readers import Instrument, is_source, open_recording
 from flinders.summary.summary import Summary
 from flinders.workflows.notes import Note
-from flinders.workflows.recordings import fit_for, own_recordings, require_same_frame
+from flinders.workflows.recordings import own_recordings, require_same_frame
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from flinders.core.samples import Recording
+    from flinders.fitting.fit_file import AnyCalibration
     from flinders.fitting.result import Fit
     from flinders.geometry.plane import Plane
-    from flinders.workflows.recordings import AnyCalibration, AnyReadings
+    from flinders.workflows.recordings import AnyReadings
 
 TurnMethod: TypeAlias = Literal["two-axis", "ellipse"]
 

@@ -42,8 +42,9 @@ if TYPE_CHECKING:
     from flinders.apps.marine.standards import Standard
     from flinders.arrays import Floats
     from flinders.core.geomag import SiteField
+    from flinders.fitting.fit_file import AnyCalibration
     from flinders.heading.stationary import HalfTurn
-    from flinders.workflows.recordings import AnyCalibration, AnyReadings
+    from flinders.workflows.recordings import AnyReadings
 
     AnyTable: TypeAlias = SwingTable | str | os.PathLike[str]
     AnySwing: TypeAlias = SwingTable | CompassLog | SwingRecording | AnyReadings

@@ -20,21 +20,23 @@ from flinders.apps.marine.swing_table import NEED
 from flinders.comparison.rotation_difference import rotation_covariance
 from flinders.errors import FitError, NoAccelerometer, UsageError, count_text
 from flinders.estimators.data import recording_of
+from flinders.fitting.fit_file import fit_for
 from flinders.geometry.angles import heading_text, wrap_180
 from flinders.heading.error_propagation import deviation_covariance
 from flinders.heading.stationary import MIN_REST_READINGS, half_turns, rests
 from flinders.summary.summary import Summary
 from flinders.workflows.heading_stream import HeadingStream
-from flinders.workflows.recordings import fit_for, identity_fit, recording_for
+from flinders.workflows.recordings import identity_fit, recording_for
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from flinders.apps.marine.deviation import Deviation
     from flinders.core.geomag import SiteField
+    from flinders.fitting.fit_file import AnyCalibration
     from flinders.heading.stationary import HalfTurn, Rest
     from flinders.workflows.notes import Note
-    from flinders.workflows.recordings import AnyCalibration, AnyReadings
+    from flinders.workflows.recordings import AnyReadings
 
 STATIONARY_S: Final = 2.0
 """Shortest rest of a recording with times."""

@@ -120,4 +120,5 @@ METHOD: Final = Method(
     use="always an ellipsoid, as Magneto fits it; biased towards spheres",
     source="Li and Griffiths (2004), eq. 7–15; Magneto",
     is_recipe=True,
+    programs=("Magneto",),
 )

@@ -180,6 +180,7 @@ TARGETS: Final = (
         fed=True,
         source="imu_tools, ImuFilterMadgwick.cfg",
         lengths="as long as the sensor makes them",
+        programs=("robot_localization",),
         write=write_madgwick,
     ),
     Target(
