@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -87,6 +88,18 @@ def test_the_file_says_where_a_range_makes_a_number_larger() -> None:
     text = " ".join(flinders.export(fitted("good"), "ardupilot", noise=True).text.replace("#", "").split())
     for name, least in (("EK3_YAW_M_NSE", "0.050"), ("EK3_MAG_M_NSE", "0.010")):
         assert_sentences(text, about=f"{name} is written as {least}")
+
+
+@pytest.mark.parametrize(
+    ("estimator", "heading", "field"), [(EKF2, 1.05, 110.0), (EKF3, 1.2, 55.0)], ids=["EKF2", "EKF3"]
+)
+def test_the_notes_say_where_a_range_makes_a_number_smaller(estimator: Estimator, heading: float, field: float) -> None:
+    """With the number that would be right."""
+    noise = replace(noise_stated(fitted("good")), reading=field, heading_reading_deg=math.degrees(heading))
+    noise = replace(noise, heading_calibration_deg=1e-4)
+    assert estimator.values(noise) == {name: high for name, _, high in (estimator.heading_noise, estimator.field_noise)}
+    notes = estimator.notes(noise, estimator.heading_noise.high)
+    assert_sentences([each for each in notes if "its maximum" in each])
 
 
 @pytest.mark.parametrize("target", PARAMETERS)
