@@ -239,6 +239,7 @@ class Target:
     limits: tuple[Limit, ...] = ()  #: ranges of its parameters
     inertial: InertialForm | None = None  #: form of an accelerometer and a gyro, if it can represent them too
     estimator: str = ""  #: estimator that uses the noise of a compass, for ``--noise``; empty without one
+    writes_noise: bool = False  #: whether its text states the noise of a known claim, without ``--noise``
 
     @property
     def where(self) -> str:

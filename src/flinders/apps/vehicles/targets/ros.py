@@ -180,6 +180,7 @@ TARGETS: Final = (
         fed=True,
         source="imu_tools, ImuFilterMadgwick.cfg",
         lengths="as long as the sensor makes them",
+        writes_noise=True,
         write=write_madgwick,
     ),
     Target(
@@ -194,6 +195,7 @@ TARGETS: Final = (
         storage="double",
         fed=True,
         source="ctu-vras magnetometer_pipeline, bias_remover.cpp",
+        writes_noise=True,
         write=write_pipeline,
         reader=TargetReader(INITIAL_BIAS[0].encode(), read, "parameters of magnetometer_pipeline"),
     ),
@@ -209,6 +211,7 @@ TARGETS: Final = (
         storage="double",
         acts="mapped",
         source="fusioncore, sensors/magnetometer.hpp",
+        writes_noise=True,
         write=write_fusioncore,
     ),
 )
