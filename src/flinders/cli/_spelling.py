@@ -6,6 +6,8 @@ A keyword argument of Python corresponds to the option whose parameter has that 
 >>> calibrate = main.commands["calibrate"]
 >>> in_options({"unit": "mG", "axes": "-x,y,z", "force": True, "disturbances": None, "rotation": None}, [calibrate])
 '--unit mG, --axes=-x,y,z, --force, --with'
+>>> in_options({"linearize": False}, [main.commands["export"], calibrate])
+'flinders calibrate without --linearize'
 """
 
 from __future__ import annotations
@@ -85,8 +87,10 @@ def option_of(keyword: str, command: click.Command) -> click.Option | None:
 
 
 def _spell_option(option: click.Option, value: object) -> str:
-    """An option with its value, repeated for each entry of a list or mapping."""
+    """An option with its value, repeated for each entry of a list or mapping; ``without --flag`` for False."""
     name = max(option.opts, key=len)
+    if option.is_flag and value is False and not option.secondary_opts:
+        return f"without {name}"
     if value is None or option.is_flag:
         return name
     if isinstance(value, Mapping):

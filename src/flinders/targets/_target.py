@@ -300,7 +300,7 @@ class Target:
             raise NotExportable(
                 f"the calibration linearizes its axes, and {self.title} holds {self.holds}: use c, arduino or "
                 "micropython, or calibrate without linearization",
-                hint={"linearize": None},
+                hint={"linearize": False},
                 beyond=("linearization",),
             )
         written = self.write(calibration, asked)
