@@ -63,7 +63,7 @@ def in_unused_options(hint: Hint, commands: Sequence[click.Command] | None = Non
 def _is_given(keyword: str, context: click.Context) -> bool:
     """Whether the flag for a keyword argument of Python was given on the command line."""
     option = option_of(keyword, context.command)
-    if option is None or option.name is None or not option.is_flag:
+    if option is None or not option.is_flag or option.name is None:
         return False
     return context.get_parameter_source(option.name) is ParameterSource.COMMANDLINE
 
