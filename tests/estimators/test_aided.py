@@ -291,6 +291,14 @@ def test_what_is_missing_is_named() -> None:
     true = swayed(14, 200)
     with assert_raises(UsageError):
         fit_aided(true.samples, ("attitude",))
+    lacking = (
+        (replace(true.samples, rate=None), "rate"),
+        (replace(true.samples, time=None), "rate"),
+        (replace(true.samples, acceleration=None), "dip"),
+    )
+    for samples, term in lacking:
+        with assert_raises(UsageError):
+            fit_aided(samples, (term,))
     with assert_raises(UsageError):
         fit_aided(true.samples, ("sonar",))
     with assert_raises(UsageError):

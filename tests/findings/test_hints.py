@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 import pytest
 from click.testing import CliRunner
+from tests.program import flinders_
 
 import flinders
 from flinders import cli, errors
@@ -17,7 +18,7 @@ from flinders.cli._spelling import in_options, option_of
 from flinders.findings import CATALOGUE
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
 SOURCES: Final = sorted(Path(flinders.__file__).parent.rglob("*.py"))
 PYTHON_ALONE: Final = {"ax", "find", "once", "rotation"}
@@ -99,3 +100,14 @@ def test_no_message_spells_a_keyword_or_an_option() -> None:
                 texts = [text for argument in node.exc.args for text in ast.walk(argument)]
                 said = [text.value for text in texts if isinstance(text, ast.Constant) and isinstance(text.value, str)]
                 assert not [text for text in said if re.search(r"\w=(?=[\s'\"),;.]|$)|\s--[a-z]", text)], path
+
+
+def test_a_finding_does_not_advise_an_option_that_was_used(recordings: Callable[[str], Path]) -> None:
+    """Linearized axes would not reduce the heading error of this recording, whose axis x is not linear."""
+    words = ("calibrate", str(recordings("sunsided_hmc5883l/full-sphere.csv")), "--unit", "G")
+    plain, used = flinders_(*words), flinders_(*words, "--linearize")
+    assert plain.code == used.code == 0
+    assert "nonlinear-axis" in plain.out
+    assert "nonlinear-axis" in used.out
+    assert ("(--linearize)" in plain.out, "linearize" in used.out) == (True, False)
+    assert "--linearize changes nothing" in used.said

@@ -45,6 +45,23 @@ def test_columns_of_single_motors_are_recognised() -> None:
     )
 
 
+@pytest.mark.parametrize("axis", "xyz")
+@pytest.mark.parametrize(
+    ("ending", "unit"),
+    [
+        ("_rad_s", "rad/s"),
+        ("_deg_s", "deg/s"),
+        ("_radians_per_second", "rad/s"),
+        (" (deg s)", "deg/s"),
+        ("_radps", "radps"),
+        ("_s", ""),
+    ],
+)
+def test_the_unit_of_a_rate_may_be_two_words(axis: str, ending: str, unit: str) -> None:
+    found = meaning(f"gyro_{axis}{ending}")
+    assert (found.kind, found.axis, found.unit) == ("rate", axis, unit)
+
+
 @pytest.mark.parametrize(("name", "is_open"), [("ch4", True), ("x", True), ("acc_x", False), ("gps_lat", False)])
 def test_a_name_that_says_nothing_may_be_an_axis(name: str, is_open: bool) -> None:
     assert is_inconclusive(name) == is_open

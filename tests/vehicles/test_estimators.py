@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,7 @@ from flinders.apps.vehicles.targets.ros import FUSIONCORE, ROBOT_LOCALIZATION
 from flinders.core.units import PER_UNIT
 from flinders.errors import NotExportable, UsageError
 from flinders.fitting.measurement_noise import gates_of, noise_of
+from flinders.targets import registry
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -89,6 +91,18 @@ def test_the_file_says_where_a_range_makes_a_number_larger() -> None:
         assert_sentences(text, about=f"{name} is written as {least}")
 
 
+@pytest.mark.parametrize(
+    ("estimator", "heading", "field"), [(EKF2, 1.05, 110.0), (EKF3, 1.2, 55.0)], ids=["EKF2", "EKF3"]
+)
+def test_the_notes_say_where_a_range_makes_a_number_smaller(estimator: Estimator, heading: float, field: float) -> None:
+    """With the number that would be right."""
+    noise = replace(noise_stated(fitted("good")), reading=field, heading_reading_deg=math.degrees(heading))
+    noise = replace(noise, heading_calibration_deg=1e-4)
+    assert estimator.values(noise) == {name: high for name, _, high in (estimator.heading_noise, estimator.field_noise)}
+    notes = estimator.notes(noise, estimator.heading_noise.high)
+    assert_sentences([each for each in notes if "its maximum" in each])
+
+
 @pytest.mark.parametrize("target", PARAMETERS)
 def test_noise_is_written_where_it_is_asked_for(target: str) -> None:
     """A calibration alone does not change how an estimator is tuned."""
@@ -141,11 +155,32 @@ def test_a_calibration_without_a_claim_is_refused() -> None:
 def test_a_target_without_an_estimator_is_refused(tmp_path: Path) -> None:
     """In Python and by the program, which names those that have one."""
     with pytest.raises(UsageError):
-        flinders.export(fitted("good"), "arduino", noise=True)
+        flinders.export(fitted("good"), "c-q15", noise=True)
     fitted("good").save(tmp_path / "calibration.json")
-    ended = flinders_("export", "--for", "arduino", "--noise", str(tmp_path / "calibration.json"))
+    ended = flinders_("export", "--for", "c-q15", "--noise", str(tmp_path / "calibration.json"))
     assert ended.code == 2
     assert "px4-shell" in ended.err
+
+
+def test_targets_that_always_write_the_noise_say_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Their text depends on the claim without an option, and they refuse the option with other words."""
+    fit, always = fitted("good"), {name for name, each in registry().items() if each.writes_noise}
+    counted = flinders.fit(simulate.tumble(seed=1).samples.field * 10.0)
+
+    def texts() -> dict[str, str]:
+        of_counts = flinders.export(counted, "betaflight-model", mounting="0").text
+        plain = sorted((always - {"betaflight-model"}) | {"c-q15", "vectornav", "esphome"})
+        return {"betaflight-model": of_counts} | {name: flinders.export(fit, name, lossy=True).text for name in plain}
+
+    stated = texts()
+    monkeypatch.setattr("flinders.fitting.export.noise_of", lambda _: None)
+    unstated = texts()
+    assert {name for name in stated if stated[name] != unstated[name]} == always
+    fit.save(tmp_path / "calibration.json")
+    for name in ("fusioncore", "ros-pipeline"):
+        ended = flinders_("export", "--for", name, "--noise", str(tmp_path / "calibration.json"))
+        assert ended.code == 2
+        assert_sentences(ended.err)
 
 
 @pytest.mark.parametrize("kind", RECORDINGS)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from tests.sentences import assert_raises
 
 import flinders
 from flinders import simulate
@@ -118,6 +119,21 @@ def test_fields_of_messages_of_a_flight_log_are_columns(recordings: Callable[[st
     np.testing.assert_allclose(0.01 * block.auxiliary["CURR.Curr"][known], block.current[known], rtol=1e-6)  # whole cA
     with pytest.raises(InputError, match=r"CURR\.Volt"):
         flinders.read(path, auxiliary=["CURR.Current"])
+
+
+@pytest.mark.parametrize("name", ["BAT.Curr", "batt", "throtle", "MAGX"])
+def test_a_name_that_no_message_has_is_answered_with_those_of_the_log(
+    recordings: Callable[[str], Path], name: str
+) -> None:
+    """The log has its current in CURR, as older firmware writes it."""
+    with assert_raises(InputError):
+        flinders.read(recordings("dronekit_log171_3mags/log171.bin"), auxiliary=[name])
+
+
+def test_a_name_without_a_topic_is_answered_with_the_form_of_a_name(recordings: Callable[[str], Path]) -> None:
+    pytest.importorskip("pyulog")
+    with assert_raises(InputError):
+        flinders.read(recordings("px4_pyulog_cubeorange/sample_log_small.ulg"), auxiliary=["batt"])
 
 
 def test_fields_of_topics_of_px4_are_columns(recordings: Callable[[str], Path]) -> None:

@@ -17,7 +17,7 @@ from typing import IO, TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
 
 import click
 
-from flinders.cli._spelling import in_options
+from flinders.cli._spelling import in_options, in_unused_options
 from flinders.core.language import phrase
 from flinders.core.units import unit_label
 from flinders.errors import NotExportable, UsageError, append_hint, figures
@@ -77,7 +77,7 @@ def print_result(
 
 def print_fit(
     fit: Fit,
-    spell: Spelling = in_options,
+    spell: Spelling = in_unused_options,
     *,
     err: bool = False,
     is_verbose: bool = False,

@@ -33,7 +33,12 @@ from flinders.cli._misuse import misuse_message, unexpected_argument
 from flinders.cli._output import Output, Outputs, error_words, print_fit, print_json, say
 from flinders.cli._process import prepare_streams, silence_stdout, spare_imports_from_gc
 from flinders.cli._signals import STOP_SIGNALS, handle_signals, interrupt
-from flinders.cli._spelling import hints_of_typed_options, in_options, searched_commands, taken_options
+from flinders.cli._spelling import (
+    hints_of_typed_options,
+    in_unused_options,
+    searched_commands,
+    taken_options,
+)
 from flinders.core.files import reason_and_remedy
 from flinders.core.language import ENGLISH, ENGLISH_CODE, TERMINAL_LANGUAGE, language_of
 from flinders.errors import FitError, FlindersError, OutputError, UsageError
@@ -176,7 +181,7 @@ def print_error(
     words = error_words(error, commands)
     fit = getattr(error, "fit", None)
     if fit is not None and not as_json:
-        print_fit(fit, partial(in_options, commands=commands), err=True)
+        print_fit(fit, partial(in_unused_options, commands=commands), err=True)
     else:
         say(_spoken(error, exit_code, words))
     if as_json:

@@ -6,6 +6,8 @@ A keyword argument of Python corresponds to the option whose parameter has that 
 >>> calibrate = main.commands["calibrate"]
 >>> in_options({"unit": "mG", "axes": "-x,y,z", "force": True, "disturbances": None, "rotation": None}, [calibrate])
 '--unit mG, --axes=-x,y,z, --force, --with'
+>>> in_options({"linearize": False}, [main.commands["export"], calibrate])
+'flinders calibrate without --linearize'
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Final
 
 import click
+from click.core import ParameterSource
 
 from flinders.errors import FlindersError
 
@@ -48,6 +51,21 @@ def in_options(hint: Hint, commands: Sequence[click.Command] | None = None) -> s
             of = "" if command is commands[0] else f"flinders {command.name} "
             spelled.setdefault(of, []).append(_spell_option(option, value))
     return ", ".join(of + ", ".join(options) for of, options in sorted(spelled.items()))
+
+
+def in_unused_options(hint: Hint, commands: Sequence[click.Command] | None = None) -> str:
+    """Spell the hint of a finding as `in_options`, without flags that were given: the fit has their effect."""
+    context = click.get_current_context(silent=True)
+    unused = {keyword: value for keyword, value in hint.items() if not (context and _is_given(keyword, context))}
+    return in_options(unused, commands)
+
+
+def _is_given(keyword: str, context: click.Context) -> bool:
+    """Whether the flag for a keyword argument of Python was given on the command line."""
+    option = option_of(keyword, context.command)
+    if option is None or not option.is_flag or option.name is None:
+        return False
+    return context.get_parameter_source(option.name) is ParameterSource.COMMANDLINE
 
 
 def searched_commands(command: click.Command, program: click.Command) -> tuple[click.Command, ...]:
@@ -85,8 +103,10 @@ def option_of(keyword: str, command: click.Command) -> click.Option | None:
 
 
 def _spell_option(option: click.Option, value: object) -> str:
-    """An option with its value, repeated for each entry of a list or mapping."""
+    """An option with its value, repeated for each entry of a list or mapping; ``without --flag`` for False."""
     name = max(option.opts, key=len)
+    if option.is_flag and value is False and not option.secondary_opts:
+        return f"without {name}"
     if value is None or option.is_flag:
         return name
     if isinstance(value, Mapping):

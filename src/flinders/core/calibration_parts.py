@@ -134,7 +134,7 @@ def refuse_linearization(linearization: Linearization | None, what: str) -> None
     if linearization is not None:
         raise UsageError(
             f"a calibration that linearizes its axes cannot {what}: calibrate without linearization",
-            hint={"linearize": None},
+            hint={"linearize": False},
         )
 
 

@@ -71,6 +71,19 @@ if TYPE_CHECKING:
     from flinders.likelihood.site_field import Site
     from flinders.likelihood.solver import Equations
 
+READ_AS: Final = {
+    "time": "in a table it is read from a column such as time_s",
+    "acceleration": "in a table it is read from columns such as acc_x, acc_y and acc_z",
+    "rate": (
+        "in a table it is read from columns such as gyro_x_rad_s or gyro_x_deg_s, and not from a gyro whose unit is "
+        "not in the names"
+    ),
+    "attitude": (
+        "in a table it is read from the columns attitude_w, attitude_x, attitude_y and attitude_z, a quaternion to "
+        "north, east and down, and not from roll, pitch and yaw"
+    ),
+}
+"""Words for the columns of a table from which a quantity is read."""
 AIDING_TERMS: Final = {term.name: term.words for term in TERMS.values()}
 """Principle of each term of an aiding sensor in words, by the name of the term."""
 
@@ -430,7 +443,8 @@ def refuse_missing_columns(samples: Samples, terms: Iterable[str]) -> None:
         for column in TERMS[term].needs:
             if getattr(samples, column) is None:
                 raise UsageError(
-                    f"{samples.source} has no {column}, which {term!r} needs: leave {term!r} out, or record {column}"
+                    f"{samples.source} has no {column}, which {term!r} needs: leave {term!r} out, or record {column}; "
+                    f"{READ_AS[column]}"
                 )
 
 

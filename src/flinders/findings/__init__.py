@@ -46,7 +46,9 @@ def advice(finding: Finding, spell: Spelling = python_arguments) -> str:
     'the unit is not known, so all is in counts: name the unit, or the size of a count in µT (unit=, scale=)'
     """
     row = CATALOGUE.get(finding.code)
-    return append_hint(finding.advice, spell(row.hint)) if row else finding.advice
+    spelled = spell(row.hint) if row else ""
+    offered = f"; {row.offer}" if row and row.offer and spelled else ""
+    return append_hint(finding.advice + offered, spelled)
 
 
 def action(code: str) -> str:

@@ -149,6 +149,7 @@ class CatalogueRow:
     plain: str  #: meaning for the user of the compass, without mathematics
     remedy: str = ""  #: remedy for the user
     fault: str = ""  #: first part of the sentence: the fault, for a refusal in one line
+    offer: str = ""  #: clause on what the arguments of `hint` do, for an interface that has them
     #: arguments that the advice needs, spelled by each interface; sentences contain none
     hint: Hint = field(default_factory=dict)
     #: meaning of the limit, for the table; None if it is a plain number or a share of the target

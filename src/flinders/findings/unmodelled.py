@@ -176,8 +176,9 @@ ROWS: Final = (
         said=(
             "it deviates from a straight line by {nonlinear_share:.1%} of the field, {nonlinear_deg}° of heading, "
             "which the heading error allows for; check whether the sensor is near the end of its range, or near a "
-            "magnet; for C or Python code the axes can be linearized"
+            "magnet"
         ),
+        offer="for C or Python code the axes can be linearized",
         hint={"linearize": True},
         plain=(
             "An axis of the sensor is not linear: this changes headings by {angle}, which an offset and a matrix "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, cast
 
-from flinders.core.disturbance import is_column
+from flinders.core.disturbance import KINDS, is_column
 from flinders.core.joining import Joined
 from flinders.errors import InputError, did_you_mean
 from flinders.readers._tokenizer import list_columns
@@ -36,9 +36,29 @@ def with_auxiliary(recording: Recording, names: Iterable[str], *, are_needed: bo
 
 
 def missing_column(source: str, name: str, there: Sequence[str]) -> InputError:
-    """Error for a missing column; `there` are the names of the existing columns."""
-    has = f"its columns are {list_columns(list(there))}" if there else "its columns have no names: give them a header"
-    return InputError(f"{source} has no column {name!r}{did_you_mean(name, there)}: {has}; give a name as it is there")
+    """Error for a missing column of a table; `there` are the names of the existing columns."""
+    if not there:
+        return InputError(f"{source} has no column {name!r}: its columns have no names: give them a header")
+    return _missing(source, "column", name, did_you_mean(name, (*there, *KINDS)), there)
+
+
+def missing_field(source: str, name: str, there: Sequence[str]) -> InputError:
+    """Error for a missing field of a log; `there` are names of its fields, as far as the reader found some."""
+    if not there:
+        return InputError(
+            f"{source} has no field {name!r}{did_you_mean(name, KINDS)}: give the name of the message or topic, a dot "
+            "and the field"
+        )
+    label = name.rpartition(".")[2].casefold()
+    same = [each for each in there if each.rpartition(".")[2].casefold() == label]
+    like = f" (did you mean {same[0]!r}?)" if same else did_you_mean(name, (*there, *KINDS))
+    return _missing(source, "field", name, like, there)
+
+
+def _missing(source: str, what: str, name: str, like: str, there: Sequence[str]) -> InputError:
+    """Error for a missing column or field, with the existing ones; `like` proposes one of them."""
+    names = list_columns(list(there))
+    return InputError(f"{source} has no {what} {name!r}{like}: its {what}s are {names}; give a name as it is there")
 
 
 def places_in(source: str, header: Sequence[str], names: Sequence[str], *, are_needed: bool) -> dict[str, int]:

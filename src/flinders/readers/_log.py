@@ -26,7 +26,7 @@ from flinders.core.geomag import recorded_field
 from flinders.core.time_span import TimeSpan
 from flinders.core.units import MICROTESLA
 from flinders.errors import UnreadableInput
-from flinders.readers._auxiliary import missing_column
+from flinders.readers._auxiliary import missing_field
 from flinders.readers._choice import Choice, list_names
 from flinders.readers._source import raise_own_errors
 
@@ -137,7 +137,7 @@ class Instrument:
         found, there = ({}, ()) if self.look_up is None else self.look_up(names)
         for name in names:
             if are_needed and name not in found:
-                raise missing_column(self.source, name, there)
+                raise missing_field(self.source, name, there)
         return replace(self, auxiliary={**self.auxiliary, **found})
 
     @property

@@ -153,6 +153,9 @@ _PIECES: Final = re.compile(
 _IN: Final = re.compile(
     r"(?<![^\W_])in[\s_]+(?=[^\s_()\[\]]+\s*[)\]]?\s*$)", re.IGNORECASE
 )  # ``in`` before a unit at the end
+_RATE_WORDS: Final = re.compile(
+    r"(?<![^\W_])(rad|deg)(?:ians?|rees?)?[\s_]+(?:per[\s_]+)?s(?:ec(?:ond)?)?(?=\s*[)\]]?\s*$)", re.IGNORECASE
+)  # the unit of a rate at the end, in words: ``rad_s``
 _BRACKETED_UNIT: Final = re.compile(r"[(\[]([^)\]]*)[)\]]?\s*$")  # a unit, or the number of an axis
 _BRACKET: Final = re.compile(r"\s*[(\[](?!\d+[)\]])[^)\]]*[)\]]?\s*$")
 _DIRECTION_WORDS: Final = re.compile("unit|vec|field|mag|acc")
@@ -265,7 +268,7 @@ def words_of(name: str) -> list[str]:
 
 def is_unit(text: str) -> bool:
     """Whether a text is just a unit, as in a row of units below a header."""
-    return _IN.sub("", SEPARATE_PREFIX.sub(r"\1", text)).casefold() in _UNITS
+    return _RATE_WORDS.sub(r"\1/s", _IN.sub("", SEPARATE_PREFIX.sub(r"\1", text))).casefold() in _UNITS
 
 
 @lru_cache(maxsize=1_024)
@@ -361,7 +364,7 @@ def _place_of_axis(folded: str, axis: str) -> int:
 def _words(name: str) -> tuple[list[str], list[str]]:
     """Split a name into its words, and into the units that it may state, the most reliable first."""
     units = []
-    name = _ELAPSED.sub("", _IN.sub("", SEPARATE_PREFIX.sub(r"\1", name)))
+    name = _RATE_WORDS.sub(r"\1/s", _ELAPSED.sub("", _IN.sub("", SEPARATE_PREFIX.sub(r"\1", name))))
     inside = _BRACKETED_UNIT.search(name)
     if inside and not inside[1].strip().isdigit():
         units.append(inside[1].strip())

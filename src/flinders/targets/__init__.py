@@ -152,6 +152,8 @@ def find_accepting(
             f"names in code of {target.name} are fixed: leave the name out; targets with a choice: {takes}",
             hint={"name": None},
         )
+    if noise and target.writes_noise:
+        raise UsageError(f"{target.name} always writes its noise: leave the option out", hint={"noise": None})
     if noise and not target.estimator:
         takes = ", ".join(each.name for each in registry().values() if each.estimator)
         raise UsageError(

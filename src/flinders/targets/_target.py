@@ -240,6 +240,7 @@ class Target:
     inertial: InertialForm | None = None  #: form of an accelerometer and a gyro, if it can represent them too
     estimator: str = ""  #: estimator that uses the noise of a compass, for ``--noise``; empty without one
     programs: tuple[str, ...] = ()  #: further programs that use its output; `find` answers their names with this target
+    writes_noise: bool = False  #: whether its text states the noise of a known claim, without ``--noise``
 
     @property
     def where(self) -> str:
@@ -300,7 +301,7 @@ class Target:
             raise NotExportable(
                 f"the calibration linearizes its axes, and {self.title} holds {self.holds}: use c, arduino or "
                 "micropython, or calibrate without linearization",
-                hint={"linearize": None},
+                hint={"linearize": False},
                 beyond=("linearization",),
             )
         written = self.write(calibration, asked)

@@ -335,6 +335,7 @@ HEADER: Final = Target(
     linearizes=True,
     comment=BLOCK,
     named=True,
+    writes_noise=True,
     inertial=code_form("c"),
     write=write_header,
 )
@@ -347,6 +348,7 @@ HEADER_Q15: Final = replace(
     linearizes=False,
     storage="int16 readings, int16 matrix, offset in 2^-8 of a unit, 64-bit sums",
     gives=RECORDED,
+    writes_noise=False,
     inertial=None,
     write=write_q15,
 )

@@ -129,6 +129,7 @@ JSON: Final = Target(
     acts="across",
     follows="all",
     comment=None,
+    writes_noise=True,
     inertial=PLAIN_JSON,
     write=write_json,
     reader=TargetReader(rb'(?s)\A\s*\{.*"corrected = matrix \(raw - offset\)"', read, ""),

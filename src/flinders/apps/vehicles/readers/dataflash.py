@@ -41,6 +41,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from flinders.apps.vehicles.readers.dataflash_format import (
+    CHARACTERS,
     HEADER,
     INSTANCE,
     MAX_MESSAGE_BYTES,
@@ -106,6 +107,8 @@ WANTED: Final = (
     *COMPASS_NAMES, "IMU", "BAT", "CURR", "PARM", "GPS", "POS", "ORGN", "MSG", *QUATERNIONS, *ANGLES,
     *PRIMARY.values(), *THROTTLE_LABELS, *CONTROLLERS, OUTPUTS,
 )  # fmt: skip
+LOADS: Final = ("BAT", "CURR", *THROTTLE_LABELS, *CONTROLLERS, OUTPUTS)
+"""Messages of currents and throttles."""
 DESCRIPTION: Final = re.compile(rb"^FMT\s*,\s*\d+\s*,\s*\d+\s*,\s*\w+\s*,", re.MULTILINE)
 """Pattern of a line of a text log that describes a message."""
 
@@ -478,7 +481,26 @@ def named_series(file: File, names: Sequence[str]) -> tuple[dict[str, TimeSeries
             continue
         series = TimeSeries.of(own.seconds, own.columns(match["field"]))
         found |= {} if series is None else {name: series}
-    return found, there
+    return found, there or (_names_of_fields(_messages(file, _EveryName())) if len(found) < len(names) else [])
+
+
+class _EveryName(frozenset[str]):
+    """All names of messages."""
+
+    def __contains__(self, name: object) -> bool:
+        return True
+
+
+def _names_of_fields(messages: Messages) -> list[str]:
+    """Names of the numeric fields of all timed messages; loads of the battery and of motors first."""
+    tables = {name: table for name, table in messages.tables.items() if table.seconds is not None}
+    names = sorted(tables, key=lambda name: LOADS.index(name) if name in LOADS else len(LOADS))
+    return [
+        f"{name}.{label}"
+        for name in names
+        for label, field in tables[name].fields.items()
+        if field.letter not in CHARACTERS and not label.startswith("Time")
+    ]
 
 
 # where, when, and what to know

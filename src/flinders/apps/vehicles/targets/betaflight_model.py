@@ -408,6 +408,7 @@ TARGETS: Final = (
         lengths="1 long, the radius",
         comment=None,
         mountings=MOUNTINGS,
+        writes_noise=True,
         write=write,
         reader=TargetReader(
             rb'mag-characterization-model/|"ellipsoid_correction"\s*:',

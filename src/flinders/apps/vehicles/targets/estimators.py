@@ -44,8 +44,6 @@ GAUSS: Final = PER_UNIT["G"]
 """µT in one gauss."""
 MODEL_SIGMA, MODEL_DIP_SIGMA_DEG = 0.148, 0.20
 """µT and degrees: 1 σ of strength and dip of the World Magnetic Model, with the crust (WMM2020 report, table 5)."""
-MIN_STATED_SHARE: Final = 0.8
-"""Smallest share of the true heading error that an estimator has to state; with less, its parameters are too small."""
 STRENGTH, INCLINATION = 1, 2
 """Bits of EKF2_MAG_CHECK."""
 
@@ -88,7 +86,7 @@ class Estimator:
     def notes(self, noise: MeasurementNoise, sigma: float) -> list[str]:
         """Notes on the meaning of the noise, and on clipping to a range; `sigma`, rad: written noise of a heading."""
         heading = self.heading_noise.name
-        stated, claimed = self.yaw.stated_deg(sigma), noise.heading_calibration_deg
+        claimed = noise.heading_calibration_deg
         in_both = (
             f"{self.field_noise.name} (G) is {figures(noise.reading / GAUSS)} G of white noise and "
             f"{figures(noise.horizontal * math.radians(claimed) / GAUSS)} G that the calibration leaves across the "
@@ -105,8 +103,16 @@ class Estimator:
             for parameter, least in wanted.items()
             if least < parameter.low
         ]
-        if stated < MIN_STATED_SHARE * claimed:
-            notes.append(f"{heading} is at the end of its range: {self.who} understates the error of its yaw")
+        too_sure = {
+            self.heading_noise: "understates the error of its yaw",
+            self.field_noise: "weights the compass more than it should",
+        }
+        notes += [
+            f"{parameter.name} is written as {figures(parameter.high)}, its maximum, where {figures(most, 3)} would be "
+            f"right: {self.who} {too_sure[parameter]}"
+            for parameter, most in wanted.items()
+            if most > parameter.high
+        ]
         return notes
 
 

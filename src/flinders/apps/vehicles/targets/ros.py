@@ -181,6 +181,7 @@ TARGETS: Final = (
         source="imu_tools, ImuFilterMadgwick.cfg",
         lengths="as long as the sensor makes them",
         programs=("robot_localization",),
+        writes_noise=True,
         write=write_madgwick,
     ),
     Target(
@@ -195,6 +196,7 @@ TARGETS: Final = (
         storage="double",
         fed=True,
         source="ctu-vras magnetometer_pipeline, bias_remover.cpp",
+        writes_noise=True,
         write=write_pipeline,
         reader=TargetReader(INITIAL_BIAS[0].encode(), read, "parameters of magnetometer_pipeline"),
     ),
@@ -210,6 +212,7 @@ TARGETS: Final = (
         storage="double",
         acts="mapped",
         source="fusioncore, sensors/magnetometer.hpp",
+        writes_noise=True,
         write=write_fusioncore,
     ),
 )
