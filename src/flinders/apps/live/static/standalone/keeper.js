@@ -72,6 +72,7 @@ export class Keeper {
             this.database = null;
             this.onFull();
         });
+        transaction.commit(); // at once: a transaction that is open when the page unloads is lost
     }
 
     /** Store edits. @param {import("../wire.d.ts").Edits} edits */
