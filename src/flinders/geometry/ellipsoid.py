@@ -72,7 +72,7 @@ class Ellipsoid:
         return np.concatenate([upper_entries(form), -2.0 * linear, [self.centre @ linear - 1.0]])
 
     def in_frame(self, origin: Floats, scale: float) -> Self:
-        """The same surface in coordinates x = origin + scale · z, where this ellipsoid is in coordinates z."""
+        """The same surface in coordinates x = origin + scale · z; this ellipsoid has the coordinates z."""
         return type(self)(origin + scale * self.centre, scale * self.shape)
 
     @cached_property

@@ -114,7 +114,7 @@ def send(
     LinkError
         If the board is disconnected before a packet is sent.
     NotConfirmed
-        If no echo arrives, or one with other values; the error states the values that the board may have.
+        If no echo arrives, or if its values differ; the error states the values that the board may hold.
     """
     listener = _EchoListener(source)
     listener.wait_for_output(boot)

@@ -97,7 +97,7 @@ class Instrument:
     #: Yields blocks of `Samples`, from the first one on at each call. The argument is True for readings as logged, and
     #: False for readings with the `stored` calibration removed.
     columns: Callable[[bool], Iterator[Samples]]
-    #: onboard calibration, if the log states one; its `applied` says whether the logged readings include it
+    #: onboard calibration, if the log states one; `stored.applied` tells whether the logged readings include it
     stored: Stored | None = None
     axes: Axes = field(default_factory=Axes)
     #: axes of `columns`, ``sensor`` or ``vehicle``: first without the `stored` calibration, then as logged

@@ -63,7 +63,7 @@ _CALIBRATION: Final = re.compile(
     r'([-+\d]+(?:[,;\s]+[-+\d]+)*)"?\s*$',
     re.IGNORECASE,
 )
-"""Header of Betaflight or INAV with a calibration, as tools write it (`compassUpdate` in `sensors/compass.c`)."""
+"""Header of a Betaflight or INAV log with a calibration, whose formula is `compassUpdate` of `sensors/compass.c`."""
 _NO_GAIN: Final = 1024  # neutral ``maggain`` of INAV
 
 

@@ -161,8 +161,9 @@ def theta_of(b: Floats, d: Floats) -> Floats:
 
 
 def parameters(theta: Floats, method: str = "") -> tuple[Floats, Floats]:
-    """(3,) offset b and (3, 3) distortion D of (9,) parameters θ': D = U diag(√(1 + s) − 1) Uᵀ if E = U diag(s) Uᵀ.
+    """(3,) offset b and (3, 3) distortion D from the (9,) parameters θ' = (c, E).
 
+    With E = U diag(s) Uᵀ, D = U diag(√(1 + s) − 1) Uᵀ.
     Raises `NotAnEllipsoid` unless I + E is positive definite.
     """
     values, vectors = np.linalg.eigh(_EYE + symmetric_matrix(theta[3:]))
